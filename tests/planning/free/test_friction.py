@@ -8,7 +8,7 @@ import pytest
 
 import microbot_ocp as mo
 from microbot_ocp.ocp import OptimalControlProblem
-from microbot_ocp.planning.task import FRICTION_WINDOWS, kept_torques, reversals
+from microbot_ocp.planning.task import FRICTION_WINDOWS, reversals, windowed_torques
 from microbot_ocp.planning.task._friction import WINDOW
 from microbot_ocp.robot import COULOMB_SMOOTHING
 
@@ -28,7 +28,7 @@ def kept_in(robot, window):
     problem = OptimalControlProblem("one point")
     phase = problem.phase("phase", duration=1.0)
     q, qd, qdd, tau = (ca.MX.sym(name) for name in ("q", "qd", "qdd", "tau"))
-    kept, _ = kept_torques(phase, robot, (q, qd, qdd, qdd), lambda *_: (tau, None))
+    kept, _ = windowed_torques(phase, robot, (q, qd, qdd, qdd), lambda *_: (tau, None))
     symbols = [p.symbol for p in phase.parameters]
     values = [window if p.name == WINDOW else p.value for p in phase.parameters]
     expression = ca.substitute([kept["tau"]], [*symbols, phase.duration], [*values, 1.0])

@@ -145,13 +145,15 @@ class FlatTranscription:
         """Which limits of the joints there are, and where accelerations may jump."""
         keys = (*POINT_KEYS, "taud", "qddd")
         limits = [f.robot.limits.bounds(key) for f in self.families for key in keys]
-        return np.isfinite(limits).tobytes() + bytes(end.leaps for end in self.conditions.ends)
+        return np.isfinite(limits).tobytes() + bytes(
+            end.acceleration_jumps for end in self.conditions.ends
+        )
 
     def _made(self, meshes: Sequence[FloatArray]) -> FlatStructure:
         n = self.families[0].robot.joint_count
-        leaps = [end.leaps for end in self.conditions.ends]
-        leaps[0] = leaps[-1] = False
-        layout = spline_layout(meshes, n, leaps)
+        jumps = [end.acceleration_jumps for end in self.conditions.ends]
+        jumps[0] = jumps[-1] = False
+        layout = spline_layout(meshes, n, jumps)
         rows = flat_rows(layout, self.families, self.limits)
         return FlatStructure(rows, *window_places(rows))
 

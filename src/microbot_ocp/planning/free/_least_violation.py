@@ -74,21 +74,21 @@ def judged(
         return outcome, {}
     rows, entries = list[Advice](), []
     for gives in sorted(explanation.gives, key=lambda g: -(g.amount or 0.0) / abs(g.limit or 1.0)):
-        what, pose = _what(gives, explanation, family), _pose(gives, explanation)
+        title, pose = _limit_name(gives, explanation, family), _pose(gives, explanation)
         joints = enumerate(pose)
         at = ", ".join(family.robot.position_text(j, float(f"{value:.4g}")) for j, value in joints)
         unit = f" {gives.unit}".rstrip()
         sentence = (
-            f"  {what} by {gives.amount:.4g}{unit}, the limit being {gives.limit:.6g}{unit}, most "
+            f"  {title} by {gives.amount:.4g}{unit}, the limit being {gives.limit:.6g}{unit}, most "
             f"at q = ({at})"
         )
-        rows.append(Advice("limit", sentence, what, gives.amount, gives.unit))
-        about = {"limit": what, "value": gives.limit, "exceeded_by": gives.amount}
+        rows.append(Advice("limit", sentence, title, gives.amount, gives.unit))
+        about = {"limit": title, "value": gives.limit, "exceeded_by": gives.amount}
         entries.append(about | {"unit": gives.unit, "q": pose})
     return Outcome.of(Status.INFEASIBLE, CONFIRMED, *rows), {"least_violation": entries}
 
 
-def _what(gives: Relaxation, explanation: Explanation, family: LimitFamily) -> str:
+def _limit_name(gives: Relaxation, explanation: Explanation, family: LimitFamily) -> str:
     """Return the limit and its segment; its pose, which stands beside, says more than a time."""
     name = gives.name.removesuffix(f"[{gives.component}]")
     phases = [phase.name for phase in explanation.phases]

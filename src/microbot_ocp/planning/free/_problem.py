@@ -25,10 +25,10 @@ from microbot_ocp.planning.task import (
     declare_limits,
     derivatives_for,
     has_windows,
-    kept_torques,
     knows_derivatives,
     passing,
     torques_of,
+    windowed_torques,
     without_dry_friction,
 )
 from microbot_ocp.robot import Robot
@@ -181,7 +181,7 @@ def _declare_segment(
     # with jumps the mesh points are where the friction jumps
     if has_windows(family) and not form.jumps:
         light = torques_of_form(without_dry_friction(moving))
-        torque_values, tau = kept_torques(phase, moving, state, light, mass)
+        torque_values, tau = windowed_torques(phase, moving, state, light, mass)
     declare_limits(phase, family, constraints, state, start, torques, mass, torque_values)
     for member in family.means:
         _declare_mean(phase, form, index, member, state)
@@ -289,7 +289,7 @@ def _link_segments(problem: OptimalControlProblem, form: _Form) -> None:
         names += [f"{member.name} so far" for member in form.family.means]
         end = form.conditions.ends[index + 1]
         # stated: the same on both sides
-        apart = end.qdd is not None or end.leaps or (form.jumps and not form.rated)
+        apart = end.qdd is not None or end.acceleration_jumps or (form.jumps and not form.rated)
         problem.link(before, after, names=[*names, *([] if apart else ["qdd"])])
     for name in form.conditions.closed:
         begun, ended = (

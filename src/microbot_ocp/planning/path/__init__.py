@@ -1,9 +1,9 @@
 """A given path, and its fastest timing by two passes of reachability.
 
-Comes in: a path of the joints. Goes out: its timing and the limits that decide along it. Begin
-with :func:`time_path` in ``_fast_timing.py``; ``_curve.py`` is the path, ``_limits.py`` the limits
-along it, ``_reachability.py`` the passes, ``_phase_plane.py`` has them as data,
-``_blocked_path.py`` says why a path cannot be travelled.
+Input: a path of the joints. Output: its timing and the active limits along it. The entry point is
+:func:`time_path` in ``_fast_timing.py``. ``_curve.py`` describes the path, ``_limits.py`` the
+limits along it, ``_reachability.py`` the passes; ``_phase_plane.py`` returns both as data, and
+``_blocked_path.py`` finds the reason why a path is infeasible.
 """
 
 import lazy_loader

@@ -1,9 +1,10 @@
-"""What a path that cannot be travelled asks too much: limits may give, as little as possible.
+"""The limits that make a path infeasible, and the least relaxation that makes it feasible.
 
-On a grid the timing of a path is a linear program in u = s'' and x = s'^2. Where it has no solution
-all limits that are kept as half planes are widened by one share of themselves, the smallest that
-leaves one: a convex problem, so what it finds holds for every timing on that grid. The multipliers
-say which limit decides, and where. Viscous friction, which goes with the root of x, is left out.
+On a grid the timing of a path is a linear program in u = s'' and x = s'^2. If it is infeasible, all
+limits kept as half planes are widened by a common share of themselves, and the program finds the
+smallest such share. The problem is convex, so the result holds for every timing on that grid. The
+multipliers identify the decisive limit and its place. Viscous friction, proportional to the root of
+x, is left out.
 """
 
 from __future__ import annotations
@@ -19,15 +20,21 @@ from microbot_ocp.planning.path._curve import PathCurve
 from microbot_ocp.planning.path._limits import FAR
 from microbot_ocp.planning.path._reachability import CurveLimits
 
-GRID = 150  # intervals of a curve
-NOTHING = 1e-6  # share of the limits: what need not give
+GRID = 150  # number of intervals of a curve
+NOTHING = 1e-6  # relaxation that counts as zero, share of the limits
 
 
 class Blocked(NamedTuple):
-    """The limit that decides whether a curve can be travelled.
+    """The limit that makes a curve infeasible.
 
-    ``share`` is that of the limits by which they have to give, ``limit`` the bound of the deciding
-    one in its unit, ``at`` the parameter of the curve, ``q`` [n] the pose there.
+    Attributes
+    ----------
+    key : key of the limit
+    component : index of its component
+    share : relaxation of all limits that makes the curve feasible, share of each limit
+    limit : bound of the decisive limit in its unit
+    at : parameter of the curve
+    q : pose [n] there, rad (m)
     """
 
     key: str
@@ -39,7 +46,7 @@ class Blocked(NamedTuple):
 
 
 def blocking_limit(family: LimitFamily, curve: PathCurve, fast: bool) -> Blocked | None:
-    """Find the limit that keeps a curve from being travelled; None where there is none.
+    """Find the limit that makes a curve infeasible; None for a feasible one.
 
     docs/theory/path_timing.md, "One program on places", end.
 
@@ -47,7 +54,7 @@ def blocking_limit(family: LimitFamily, curve: PathCurve, fast: bool) -> Blocked
     ----------
     family : LimitFamily
     curve : PathCurve
-        Between two stops.
+        Curve between two stops.
     fast : bool
         Use compiled functions.
     """
@@ -62,12 +69,12 @@ def blocking_limit(family: LimitFamily, curve: PathCurve, fast: bool) -> Blocked
     size = np.maximum(*(np.where(np.isfinite(b), np.abs(b), 0.0) for b in (lower, upper)))
     count = along.s.size - 1
     step = np.diff(along.s)
-    # a typical x, so that the program is of order one
+    # A typical x scales the program to order one.
     room = np.where(np.isfinite(size), size, np.inf) / np.maximum(np.abs(rows.per_x), 1e-300)
     most = along.speed_limit
     unit_x = float(np.median(np.minimum(room.min(axis=1)[: count + 1], most)))
     unit_u = unit_x / float(along.s[-1] - along.s[0])
-    # unknowns: x at the points, u at the start and at the end of every interval, the share
+    # Unknowns: x at the points, u at the start and at the end of every interval, and the share.
     columns = 3 * count + 2
     entries: list[tuple[Any, Any, Any]] = []
     highest, limited, first = [], [], 0
@@ -87,7 +94,7 @@ def blocking_limit(family: LimitFamily, curve: PathCurve, fast: bool) -> Blocked
         highest.append(bounds[k, side, i])
         limited.append((k, ends[i], sign))
         first += k.size
-    # x at the end of an interval is that at its start and the mean of u times twice its length
+    # Equation of motion: x_{i+1} = x_i + d (u_start + u_end), the integral of dx/ds = 2 u.
     at = first + np.arange(count)
     share = step * unit_u / unit_x
     entries += [

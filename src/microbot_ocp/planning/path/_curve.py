@@ -1,13 +1,12 @@
-"""Joint paths to be timed: their checks and stops, and in between a regular parameter.
+"""Joint paths for timing: checks, stops, and a regular parameter between stops.
 
 A trajectory that starts from rest, such as a cubic or a quintic, has a vanishing tangent there:
-q - q(0) ~ s^(m+1), m = 1 for a cubic, 2 for a quintic. The arm leaves like t^p, with p = 2 where
-its acceleration may jump and p = 3 where rates are limited, so that s goes with t^(p/(m+1)). Such
-an end is described by another parameter r instead,
+q - q(0) ~ s^(m+1), m = 1 for a cubic, 2 for a quintic. The arm leaves like t^p, p = 2 if its
+acceleration may jump and p = 3 if rates are limited, so s grows like t^(p/(m+1)), with an infinite
+derivative. Such an end gets another parameter r,
 ``s = L x^e ((1 + e) + (1 - e) x) / 2`` with ``x = r/R``, ``e = p/(m+1)`` and ``R = L (1 + e)/2``,
-in which every path leaves like r^p and the arm at a finite r'. At the other end of the piece
-ds/dr = 1 and its slope is zero, so that r' and r'' are continuous there. Every other piece keeps
-r = s.
+in which every path leaves like r^p, at a finite r'. At the other end of the piece ds/dr = 1 with
+slope zero, so that r' and r'' are continuous there. Every other piece keeps r = s.
 
 Theory: docs/theory/path_timing.md, equation (4).
 """
@@ -39,9 +38,9 @@ class CurveSettings:
 
     Attributes
     ----------
-    vanishing : relative size of a derivative that counts as zero
+    vanishing : relative magnitude of a derivative that counts as zero
     corner : relative jump of the tangent that counts as a corner
-    margin : ratio of a bent piece by which it starts inside, where powers of r are finite
+    margin : excluded share of a piece at its bent end, where negative powers of r are infinite
     """
 
     vanishing: float = 1e-9
@@ -59,19 +58,20 @@ class CurvePiece:
     Attributes
     ----------
     coefficients : array [degree+1, n]
-        Powers of s since the start of the piece, or of what is left to its end where that is bent.
+        Coefficients of powers of s from the start of the piece; from its end, backwards, if that is
+        bent.
     length : float
-        Range of s.
+        Range L of s.
     order : int
-        Derivatives that vanish at the end that is bent (m).
+        Number m of derivatives that vanish at the bent end.
     bent_at_end : bool
-        Whether it is the end that is bent, not the start.
+        True if the end is bent, False for the start.
     halved : bool
-        Whether it is the first half of a piece of the path, so that it ends inside.
+        True for the first half of a divided piece, whose end is no break of the path.
     leaves_like : int
-        Power of r with which the path leaves the end that is bent (p).
+        Power p of r with which the path leaves the bent end.
     unit : float
-        Range of the path's own parameter for every unit of s.
+        Range of the path's own parameter per unit of s.
     """
 
     coefficients: FloatArray
@@ -84,12 +84,12 @@ class CurvePiece:
 
     @property
     def bent(self) -> bool:
-        """Whether r is another parameter than s."""
+        """True if r differs from s."""
         return self.order > 0 and self.order + 1 != self.leaves_like
 
     @property
     def powers(self) -> tuple[int, int]:
-        """p and m + 1: their ratio is the power of r in s."""
+        """Integers p and m + 1, whose ratio e is the power of r in s."""
         return (self.leaves_like, self.order + 1) if self.bent else (1, 1)
 
     @property
@@ -99,28 +99,28 @@ class CurvePiece:
 
     @property
     def limits(self) -> tuple[float, float]:
-        """First and last r that are used."""
+        """First and last r in use."""
         if not self.bent:
             return 0.0, self.span
         margin = CURVE.margin * self.span
         return (0.0, self.span - margin) if self.bent_at_end else (margin, self.span)
 
     def from_the_bent_end(self, r: FloatArray) -> tuple[FloatArray, float]:
-        """Give the share x of the way from the bent end, 0 to 1, and its derivative by r."""
+        """Return the share x of the range from the bent end, 0 to 1, and its derivative by r."""
         span, sign = self.span, -1.0 if self.bent_at_end else 1.0
         return (float(self.bent_at_end) * span + sign * r) / span, sign / span
 
 
 def _near_a_bent_end(piece: CurvePiece, r: FloatArray, highest: int) -> list[FloatArray]:
-    """Give position and derivatives by r, each [N,n], at parameters r [N,1] of a bent piece.
+    """Return position and derivatives by r, each [N,n], at parameters r [N,1] of a bent piece.
 
-    docs/theory/path_timing.md, "Ends at rest".
+    docs/theory/path_timing.md, equation (4).
     """
     x, slope = piece.from_the_bent_end(r)
     table, powers, result = piece.coefficients, piece.powers, []
     for order in range(highest + 1):
         total = table[0] if order == 0 else 0.0 * table[0]
-        # what lies between vanishes with the first m derivatives
+        # Coefficients 1 to m are zero: the first m derivatives vanish.
         for k in range(powers[1], len(table)):
             total = total + table[k] * piece.length**k * _bent_power(x, powers, k, order)
         result.append(total * slope**order)
@@ -128,16 +128,19 @@ def _near_a_bent_end(piece: CurvePiece, r: FloatArray, highest: int) -> list[Flo
 
 
 def _span(powers: tuple[int, int]) -> float:
-    """Give R / L."""
+    """Return R / L."""
     return 0.5 * (1.0 + powers[0] / powers[1])
 
 
 def _bent_power(x: FloatArray, powers: tuple[int, int], k: int, order: int) -> Any:
-    """Give a derivative by x of the way from the bent end, as a share of L, to the k."""
+    """Return a derivative by x of (s / L)^k, with s from equation (4).
+
+    By Leibniz' rule for ``x^(e k) * (low + (1 - low) x)^k`` with low = (1 + e) / 2.
+    """
     low = _span(powers)
     rest, power = 1.0 - low, k * powers[0] / powers[1]
     total: Any = 0.0
-    for i in range(order + 1):  # of the first factor so often, of the second the others
+    for i in range(order + 1):
         factor = comb(order, i) * _falling(power, i) * _falling(k, order - i)
         if factor:
             second = rest ** (order - i) * (low + rest * x) ** (k - order + i)
@@ -146,12 +149,12 @@ def _bent_power(x: FloatArray, powers: tuple[int, int], k: int, order: int) -> A
 
 
 def _falling(power: float, count: int) -> float:
-    """Give the factor of a derivative of a power."""
+    """Return the factor ``p (p - 1) ... (p - count + 1)`` of a derivative of x^p."""
     return float(prod(power - k for k in range(count)))
 
 
 def _power_sum(table: Sequence[FloatArray], s: FloatArray, order: int) -> FloatArray:
-    """Differentiate the polynomial by Horner's rule."""
+    """Return a derivative of a polynomial at s by Horner's rule."""
     degree = len(table) - 1
     total = perm(degree, order) * table[degree]
     for power in range(degree - 1, order - 1, -1):
@@ -161,13 +164,13 @@ def _power_sum(table: Sequence[FloatArray], s: FloatArray, order: int) -> FloatA
 
 @dataclass(frozen=True, eq=False)
 class PathCurve:
-    """Pieces in a row, over one parameter r that runs through all of them.
+    """Consecutive pieces over one parameter r.
 
     Attributes
     ----------
     pieces : tuple of CurvePiece
     start_free, end_free : bool
-        Whether the tangent vanishes at an end, so that the arm rests there at any r'.
+        True if the tangent vanishes at the end, so that the arm rests there at any r'.
     """
 
     pieces: tuple[CurvePiece, ...]
@@ -176,10 +179,10 @@ class PathCurve:
 
     @classmethod
     def of(cls, path: PiecewisePolynomial, units: FloatArray, leaves_like: int = 2) -> PathCurve:
-        """Give a path between two stops with a regular parameter.
+        """Return the curve of a path between two stops, with a regular parameter.
 
-        ``units`` [K] are those of its pieces, ``leaves_like`` is the power of the parameter with
-        which the path leaves an end at rest: 2, or 3 where rates are limited.
+        ``units`` [K] are those of its pieces. ``leaves_like`` is the power of the parameter with
+        which the path leaves an end at rest: 2, or 3 under limits of rates.
         """
         start, end = vanishing_orders(path, path.breaks[[0, -1]], from_left=True)
         pieces = [
@@ -198,34 +201,37 @@ class PathCurve:
 
     @cached_property
     def _tables(self) -> tuple[FloatArray, FloatArray]:
-        """First parameters [N] that pieces use, and coefficients [degree+1, N, n] by power."""
+        """First parameters [N] in use of the pieces, and coefficients [degree+1, N, n] by power."""
         begins = np.array([piece.limits[0] for piece in self.pieces])
         return begins, np.stack([piece.coefficients for piece in self.pieces], axis=1)
 
     def evaluate(
         self, r: FloatArray, *, from_left: bool = False, highest: int = 2
     ) -> tuple[FloatArray, ...]:
-        """Give position and derivatives [N,n]; at a break of the later piece, or the earlier."""
+        """Return position and derivatives [N,n]; at a break those of the later or earlier piece."""
         return self._at(self._piece_of(r, from_left), r, highest)
 
     def on_both_sides(self, r: FloatArray, breaks: IntArray) -> tuple[FloatArray, ...]:
-        """Do as :meth:`evaluate`, and once more from the left at breaks ``r[breaks]`` [K] [N+K]."""
+        """Return position and derivatives at r [N] from the right, at r[breaks] [K] from the left.
+
+        Tables have N + K rows.
+        """
         index = np.append(self._piece_of(r, False), self._piece_of(r[breaks], True))
         return self._at(index, np.append(r, r[breaks]), 2)
 
     def inside(
         self, r: FloatArray, i: IntArray, grid: FloatArray, *, highest: int = 2
     ) -> tuple[FloatArray, ...]:
-        """Do as :meth:`evaluate` in the intervals i of a grid that holds the breaks."""
+        """Return position and derivatives inside the intervals i of a grid with all breaks."""
         return self._at(self._piece_of(0.5 * (grid[1:] + grid[:-1]), False)[i], r, highest)
 
     def _piece_of(self, r: FloatArray, from_left: bool) -> IntArray:
         return np.searchsorted(self.breaks[1:-1], r, side="left" if from_left else "right")
 
     def _at(self, index: IntArray, r: FloatArray, highest: int) -> tuple[FloatArray, ...]:
-        """Do as :meth:`evaluate` at parameters [N] in pieces ``index`` [N]."""
+        """Return position and derivatives at parameters [N] in pieces ``index`` [N]."""
         begins, table = self._tables
-        # a little beyond an inner break the piece goes on as it is: the next one follows smoothly
+        # Rounding may put r slightly beyond its piece, which extrapolates smoothly.
         r = np.clip(r, self.breaks[0], self.breaks[-1])
         local = r - self.breaks[index] + begins[index]
         table = [coefficients[index] for coefficients in table]
@@ -239,7 +245,7 @@ class PathCurve:
         return tuple(tables)
 
     def parameter(self, r: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Give the path's own parameter s since the start of the curve, and ds/dr, both [N]."""
+        """Return the path's own parameter s since the start of the curve, and ds/dr, both [N]."""
         s, slope, begin = np.zeros_like(r), np.zeros_like(r), 0.0
         index = self._piece_of(r, False)
         for i, piece in enumerate(self.pieces):
@@ -257,9 +263,9 @@ class PathCurve:
 
 
 def _bent_pieces(pieces: list[CurvePiece], start: int, end: int) -> list[CurvePiece]:
-    """Bend the ends of a path where more derivatives vanish than they may.
+    """Return pieces with bent ends if more derivatives vanish there than a regular path allows.
 
-    docs/theory/path_timing.md, "Ends at rest".
+    docs/theory/path_timing.md, equation (4).
     """
     bent = [replace(pieces[0], order=order).bent for order in (start, end)]
     if len(pieces) == 1 and all(bent):
@@ -277,7 +283,7 @@ def _bent_pieces(pieces: list[CurvePiece], start: int, end: int) -> list[CurvePi
 
 
 def vanishing_orders(path: PiecewisePolynomial, s: FloatArray, *, from_left: bool) -> list[int]:
-    """Tell how many derivatives of the path vanish on one side of s [K], up to its degree - 1."""
+    """Return the number of derivatives that vanish on one side of s [K], up to the degree - 1."""
     places = np.append(np.linspace(path.breaks[0], path.breaks[-1], 21), s)
     curve, orders, vanish = path, np.zeros(s.size, dtype=int), np.ones(s.size, dtype=bool)
     for _ in range(path.coefficients.shape[1] - 2):
@@ -291,7 +297,7 @@ def vanishing_orders(path: PiecewisePolynomial, s: FloatArray, *, from_left: boo
 
 
 def _shifted(table: FloatArray, by: float) -> FloatArray:
-    """Give coefficients of the same polynomial in powers since another place."""
+    """Return the coefficients of a polynomial in powers about another place (Taylor shift)."""
     shifted = np.zeros_like(table)
     for k in range(len(table)):
         for j in range(k + 1):
@@ -300,10 +306,10 @@ def _shifted(table: FloatArray, by: float) -> FloatArray:
 
 
 def samples_along(shape: Sequence[FloatArray], rates: Sequence[ArrayLike]) -> MotionSamples:
-    """Return the motion of the joints along a path.
+    """Return the motion of the joints along a path, equation (5) of docs/theory/path_timing.md.
 
-    ``shape`` is the pose and its three derivatives by the place, each [N,n], ``rates`` the three
-    derivatives of the place by the time, [N] or numbers. Without the third ones the jerk is zero.
+    ``shape`` holds the pose and its three derivatives by the place, each [N,n]; ``rates`` holds the
+    three derivatives of the place by time, [N] or numbers. Without the third ones the jerk is zero.
     """
     q, tangent, curvature, *bend = shape
     v, a, *j = (np.reshape(rate, (-1, 1)) for rate in rates)
@@ -314,11 +320,11 @@ def samples_along(shape: Sequence[FloatArray], rates: Sequence[ArrayLike]) -> Mo
     return MotionSamples(q, qd, qdd, qddd)
 
 
-# paths as they are given --------------------------------------------------------------------------
+# checks and stops of paths ----------------------------------------------------------------------
 
 
 def straight_path(via_q: ArrayLike) -> PiecewisePolynomial:
-    """Draw straight lines in joint space through via points [m,n]; s is the distance, rad."""
+    """Return straight lines in joint space through via points [m,n]; s is the distance, rad (m)."""
     via = checks.array("via_q", via_q, (None, None), "rad")
     if via.shape[0] < 2:
         raise InputError(f"via_q must have at least 2 points, not {via.shape[0]}")
@@ -326,7 +332,7 @@ def straight_path(via_q: ArrayLike) -> PiecewisePolynomial:
 
 
 def straight_through(via: FloatArray) -> PiecewisePolynomial:
-    """Do as :func:`straight_path` with via points [m,n] that are checked."""
+    """Return straight lines through checked via points [m,n], as :func:`straight_path` does."""
     steps = np.diff(via, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
     if np.any(lengths == 0):
@@ -337,7 +343,7 @@ def straight_through(via: FloatArray) -> PiecewisePolynomial:
 
 
 def check_path(family: LimitFamily, path: PiecewisePolynomial) -> FloatArray:
-    """Raise InputError where a path cannot be timed, whatever the timing; else give its stops."""
+    """Return the stops of a path; raise InputError if no timing of it can be feasible."""
     robot = family.robot
     if path.coefficients.shape[2] != robot.joint_count:
         raise InputError(
@@ -361,9 +367,9 @@ def check_path(family: LimitFamily, path: PiecewisePolynomial) -> FloatArray:
 
 
 def corners(path: PiecewisePolynomial) -> FloatArray:
-    """Find the breaks at which the direction of the path jumps, whatever its parameter does.
+    """Find the breaks at which the direction of the path jumps, whatever its parameter.
 
-    Where the path rests on one side only, they are those at which its tangent jumps.
+    If the path rests on one side only, a jump of the tangent counts.
     """
     before, after, _, is_passed = _tangents(path)
     jump = _jump(before, after, np.maximum(_size(before), _size(after)))
@@ -376,8 +382,8 @@ def corners(path: PiecewisePolynomial) -> FloatArray:
 def stops(path: PiecewisePolynomial, family: LimitFamily) -> FloatArray:
     """Find the breaks at which the arm has to stop.
 
-    At corners, and under limits of the jerk or the torque rate wherever the curvature jumps, too:
-    in motion the acceleration would jump with it.
+    The arm stops at corners. Under limits of the jerk or the torque rate it also stops where the
+    curvature jumps: in motion the acceleration would jump with it.
     """
     turns = corners(path)
     if not family.jerk_matters:
@@ -388,9 +394,9 @@ def stops(path: PiecewisePolynomial, family: LimitFamily) -> FloatArray:
 
 
 def regular(path: PiecewisePolynomial, turns: FloatArray) -> PiecewisePolynomial:
-    """Give a path with a parameter of its own, so that the unit of the one it has does not matter.
+    """Return the path over a parameter of its own, independent of the unit of the given one.
 
-    Between two of its corners ``turns`` the tangent is continuous, and its largest entry is 1.
+    Between two corners ``turns`` the tangent is continuous, and its largest entry is 1.
     """
     before, after, sizes, is_passed = _tangents(path)
     is_corner = np.isin(path.breaks[1:-1], turns)
@@ -410,7 +416,7 @@ def regular(path: PiecewisePolynomial, turns: FloatArray) -> PiecewisePolynomial
 def segments(
     path: PiecewisePolynomial, between: FloatArray, leaves_like: int = 2
 ) -> list[PathCurve]:
-    """Give what lies between two stops, with a parameter of which an end at rest is this power."""
+    """Return the curves between stops; an end at rest is left with this power of the parameter."""
     path, own = regular(path, corners(path)), path
     units = np.diff(own.breaks) / np.diff(path.breaks)
     ends = np.searchsorted(own.breaks, [own.breaks[0], *between, own.breaks[-1]])
@@ -425,7 +431,11 @@ def segments(
 
 
 def _turns(path: PiecewisePolynomial, k: int) -> bool:
-    """Tell whether the path rests at the end of piece k and goes on in another direction."""
+    """Return True if the path rests at the end of piece k and continues in another direction.
+
+    The first non-vanishing derivative on each side has the direction; its sign alternates
+    backwards.
+    """
     directions = []
     for piece, from_left, sign in ((k + 1, False, 1.0), (k, True, -1.0)):
         ends = slice(piece, piece + 2)
@@ -439,7 +449,7 @@ def _turns(path: PiecewisePolynomial, k: int) -> bool:
 
 
 def _along(path: PiecewisePolynomial, order: int) -> FloatArray:
-    """Give a derivative of the path at 21 places of every piece [21,K,n], its ends included."""
+    """Return a derivative of the path at 21 places of every piece [21,K,n], with both ends."""
     table, lengths = path.coefficients.swapaxes(0, 1), np.diff(path.breaks)[:, None]
     return np.array([_power_sum(list(table), x * lengths, order) for x in np.linspace(0, 1, 21)])
 
@@ -447,9 +457,10 @@ def _along(path: PiecewisePolynomial, order: int) -> FloatArray:
 def _tangents(
     path: PiecewisePolynomial,
 ) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Give tangents before and after inner breaks [K-1,n], zero where they vanish in their piece.
+    """Return the tangents on both sides of inner breaks [K-1,n], zero if they vanish.
 
-    With the largest entry in every piece [K], and whether a break is passed in motion.
+    Further results are the largest entry in every piece [K], and a mask of breaks that are passed
+    in motion.
     """
     tangents = _along(path, 1)
     sizes = np.abs(tangents).max(axis=(0, 2))
@@ -461,7 +472,7 @@ def _tangents(
 
 
 def _size(vectors: FloatArray) -> FloatArray:
-    """Give the largest entry of each vector [K,n]."""
+    """Return the largest entry of each vector [K,n]."""
     return np.abs(vectors).max(axis=1)
 
 
@@ -470,5 +481,5 @@ def _directions(vectors: FloatArray) -> FloatArray:
 
 
 def _jump(before: FloatArray, after: FloatArray, size: ArrayLike) -> NDArray[np.bool_]:
-    """Tell at which breaks [K-1] something [K-1,n] jumps, against a size."""
+    """Return a mask of breaks [K-1] at which a vector [K-1,n] jumps, relative to a magnitude."""
     return _size(after - before) > CURVE.corner * np.asarray(size)

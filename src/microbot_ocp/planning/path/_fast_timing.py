@@ -1,4 +1,4 @@
-"""The best timing of a path in milliseconds: by reachability alone, without a solver."""
+"""The best timing of a path in milliseconds, by reachability alone, without a solver."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ class SampleSettings:
 
     Attributes
     ----------
-    least : samples of an interval, so that they tell how the acceleration curves
-    bent : the same where these do not tell it, and of intervals next to stops
-    together : ratio of the duration: samples so near to one another are one
-    cubic : ratio of a joint's largest acceleration: fourth differences that ``least`` may miss
+    least : smallest number of samples of an interval with a cubic acceleration
+    bent : smallest number of samples of other intervals, and of those next to stops
+    together : distance below which two samples merge, per duration
+    cubic : fourth difference of an acceleration that counts as cubic, per largest acceleration
     """
 
     least: int = 4
@@ -49,18 +49,19 @@ class PathTiming:
     Attributes
     ----------
     status : Status
-        Solved, infeasible where the end cannot be reached within the limits, or "time limit".
+        Solved, infeasible (the end cannot be reached within the limits), or "time limit".
     s : array [N+1]
-        Path parameter of the grid points; a stop on the way stands there twice. At the time limit
-        these are of the segments that were done.
+        Path parameter of the grid points; an inner stop has two points. At the time limit the
+        arrays cover the finished segments.
     speed : array [N+1]
-        ds/dt; NaN where the path cannot be travelled.
+        ds/dt; NaN on an infeasible path.
     t : array [N+1], s
+        Times of the grid points.
     blocked_at : float
-        Path parameter from which the end cannot be reached; NaN where it can.
+        Path parameter from which the end cannot be reached; NaN on a feasible path.
     limits_kept_by : dict
-        Names of the limits that are kept as half planes ("reachability") or as bounds of ds/dt
-        ("speed bound"), and of those that are **not** kept ("program on places").
+        Names of the limits kept as half planes ("reachability"), as bounds of ds/dt ("speed
+        bound"), and **not** kept ("program on places").
     """
 
     robot: Robot
@@ -74,21 +75,21 @@ class PathTiming:
 
     @property
     def solved(self) -> bool:
-        """Whether the path can be travelled within the limits."""
+        """True if the path is feasible within the limits."""
         return self.status.solved
 
     @property
     def duration(self) -> float:
-        """Time from end to end, s; NaN where the path cannot be travelled or time was over."""
+        """Duration, s; NaN if the path is infeasible or time was over."""
         return float(self.t[-1]) if self.solved else float("nan")
 
     def motion(self, label: str = "path, reachability") -> Motion:
-        """Give the timing as a motion: the acceleration of the parameter is linear between points.
+        """Return the timing as a motion; d2s/dt2 is linear in s between grid points.
 
         Raises
         ------
         InputError
-            The path cannot be travelled, or the time limit was over.
+            The path is infeasible, or the time limit was reached.
         """
         if self.status not in (Status.SOLVED, Status.INFEASIBLE):
             raise checks.InputError(f"the time was over at s = {self.s[-1]:g} of the path")
@@ -125,28 +126,28 @@ def time_path(
 ) -> PathTiming:
     """Find the best timing of a path on a grid, from rest to rest, by two passes.
 
-    Takes milliseconds and starts no solver. Limits are kept at both ends of every grid interval,
-    the acceleration of the parameter is linear in it: between grid points limits may be exceeded
-    slightly. :func:`time_optimal_path` makes the grid finer until they are not, and keeps limits of
-    any other form, too.
+    The function takes milliseconds and starts no solver. Limits hold at both ends of every grid
+    interval, with d2s/dt2 linear between them, and may be exceeded slightly inside.
+    :func:`time_optimal_path` refines the grid until they are not, and keeps limits of any other
+    form, too.
 
     Parameters
     ----------
     robot : Robot
-        With masses where torques are limited.
+        Robot; with masses if torques are limited.
     path : PiecewisePolynomial
         Joint positions over any path parameter; the arm stops at its corners.
     limits : Limits, optional
-        Default the robot's own.
+        Default: the robot's own.
     grid : int
         Intervals of each segment between two stops; every break of the path is a grid point.
     start_free, end_free : bool, optional
-        Whether ds/dt is free at an end of the path; default where the tangent vanishes, as the arm
-        rests there all the same.
+        Leave ds/dt free at an end of the path. Default: True for a vanishing tangent, because the
+        arm rests there at any ds/dt.
     compiled : bool
-        Use compiled functions where there is a compiler and they are at hand or pay.
+        Use compiled functions if they exist already or compilation pays.
     time_limit : float
-        Wall time, s, after which no further segment is begun.
+        Wall time, s, after which no further segment is started.
 
     Returns
     -------
@@ -156,8 +157,8 @@ def time_path(
     Raises
     ------
     InputError
-        A path outside the position limits, an end or corner that cannot be held at rest, limits
-        that leave the time free.
+        A path outside the position limits, an end or corner that cannot be held at rest, or limits
+        that leave the duration unbounded from below.
 
     Notes
     -----
@@ -216,9 +217,9 @@ def time_path(
 def sampled(
     parts: Sequence[tuple[PathCurve, Reached]], finer: int = 1
 ) -> tuple[FloatArray, State, FloatArray]:
-    """Give times, states and breaks of a motion; at every grid point s'' from both sides.
+    """Return times, states and breaks of a motion, with s'' from both sides at every grid point.
 
-    ``finer`` times as many samples as the shape asks for.
+    ``finer`` multiplies the number of samples.
     """
     times, states, breaks, begin = [], [], [np.zeros(1)], 0.0
     lasts = sum(reached.duration for _, reached in parts)
@@ -226,7 +227,7 @@ def sampled(
     for curve, reached in parts:
         lengths = np.diff(reached.t)
         bent = _bent(curve, reached, lengths)
-        # powers of the parameter at ends where the tangent vanishes are not those of a polynomial
+        # At an end with a vanishing tangent the state is a fractional power of the parameter.
         bent[[0, -1]] = True
         least = np.where(bent, SAMPLES.bent, SAMPLES.least - 1)
         count = finer * np.maximum(least, np.ceil(lengths / step - 1e-9)).astype(int)
@@ -247,13 +248,13 @@ def sampled(
 
 
 def _state(curve: PathCurve, reached: Reached, i: np.ndarray, local: FloatArray) -> State:
-    """Give the state [K,n] at times since the start of intervals i."""
+    """Return the state [K,n] at times after the start of intervals i."""
     r, v, u = reached.after(i, local)
     return State(*samples_along(curve.inside(r, i, reached.s), (v, u))[:3])
 
 
 def _bent(curve: PathCurve, reached: Reached, lengths: FloatArray) -> NDArray[np.bool_]:
-    """Tell in which intervals [N] the acceleration is far from a cubic of the time."""
+    """Return a mask [N] of intervals in which the acceleration differs from a cubic in time."""
     i = np.repeat(np.arange(lengths.size), 5)
     local = np.linspace(0.0, 1.0, 5) * lengths[:, None]
     qdd = _state(curve, reached, i, local.ravel()).qdd.reshape(lengths.size, 5, -1)

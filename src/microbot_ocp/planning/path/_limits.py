@@ -1,9 +1,9 @@
 """Limits along a given path as half planes in u = s'' and x = s'^2.
 
-Along a path q(s) the torque is affine in both: ``tau = M q' u + (M q'' + C(q, q') q') x + g``. The
-coefficients come from three batched calls of the inverse dynamics, and so do those of every other
-limit: its values are tried at a few (u, x), and it is a half plane where they lie on one. A limit
-of the velocity alone bounds s'. What is neither is left to the program on places.
+Along a path q(s) the torque is affine in both: ``tau = M q' u + (M q'' + C(q, q') q') x + g``.
+Three batched calls of the inverse dynamics give the coefficients. Other limits are sampled at a few
+(u, x) and are half planes if the samples are affine. A limit of the velocity alone bounds s'. All
+remaining limits are left to the program on places.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from microbot_ocp.planning.path._curve import PathCurve, samples_along
 from microbot_ocp.planning.task import DRY, VISCOUS, dry_friction, friction, frictionless
 from microbot_ocp.robot import COULOMB_SMOOTHING, Robot, inverse_dynamics
 
-FAR = 1e12  # stands for "no such limit"
+FAR = 1e12  # finite stand-in for infinity
 
 
 @dataclass(frozen=True)
 class PathLimitSettings:
-    """Settings by which limits are told apart.
+    """Settings of the classification of limits.
 
     Attributes
     ----------
     tried : s'' and s' at which a half plane is tested
-    affine : relative distance from the half plane that is rounding
-    speeds, bisections : speeds that are tried on the way up to the first that breaks a limit, and
-        halvings of the step in which it lies
-    still : ratio of the largest x that counts as a stop
+    affine : relative distance from the half plane that counts as rounding
+    speeds : number of speeds of the scan for the first that breaks a limit
+    bisections : number of halvings of the interval found by the scan
+    still : largest x that counts as a stop, per largest x
     """
 
     tried: tuple[tuple[float, float], ...] = ((-3.0, 0.7), (2.0, 1.9), (50.0, 4.0))
@@ -45,27 +45,27 @@ class PathLimitSettings:
 
 
 PATH_LIMITS = PathLimitSettings()
-LATER = "program on places"  # keeps what reachability cannot
+LATER = "program on places"  # method for limits that reachability cannot keep
 
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """Path derivatives and torque coefficients at grid points; breaks stand there twice."""
+    """Path derivatives at grid points; an inner break has two nodes, one for each side."""
 
     position: FloatArray
     tangent: FloatArray
     curvature: FloatArray
-    right: np.ndarray  # index of the end of every interval; that of its start is its own
+    right: np.ndarray  # node of the end of every interval; its start is the node of its own index
 
 
 def nodes_of(path: PathCurve, s: FloatArray) -> Nodes:
-    """Give position, tangent and curvature at grid points s [N+1], among them every break.
+    """Return position, tangent and curvature at grid points s [N+1], which include every break.
 
     The grid may begin and end inside of the path.
     """
     inner = np.searchsorted(s, path.breaks[1:-1])
     inner = inner[(inner > 0) & (inner < s.size)]
-    # the left side of every inner break follows behind the regular nodes
+    # Nodes for the left side of inner breaks are appended behind the regular ones.
     tables = path.on_both_sides(s, inner)
     right = np.arange(1, s.size)
     right[inner - 1] = s.size + np.arange(inner.size)
@@ -85,23 +85,22 @@ class Coefficients(NamedTuple):
     def within(
         cls, bounds: Member | LimitValues, per_u: Any, per_x: Any, constant: Any
     ) -> Coefficients:
-        """Give a quantity the bounds of a limit at every node."""
+        """Return the coefficients of a quantity with the bounds of a limit at every node."""
         every = (np.broadcast_to(b, per_u.shape) for b in (bounds.lower, bounds.upper))
         return cls(per_u, per_x, constant, *every)
 
 
 @dataclass(frozen=True, eq=False)
 class PathLimits:
-    """The limits of a robot at the nodes of a path, by how they can be kept.
+    """The limits of a robot at the nodes of a path, by the method that keeps them.
 
     Attributes
     ----------
     half_planes : mapping from the key of a limit to Coefficients
     speed : mapping from the key of a limit to array [N,k]
-        Largest x = s'^2 that each component leaves.
+        Largest x = s'^2 allowed by each component.
     later : tuple of str
-        Keys of the limits that are neither, such as jerk or power: left to the program
-        on places.
+        Keys of the other limits, such as jerk or power, for the program on places.
     """
 
     family: LimitFamily
@@ -111,7 +110,7 @@ class PathLimits:
 
     @classmethod
     def of(cls, family: LimitFamily, nodes: Nodes, fast: bool) -> PathLimits:
-        """Classify the limits of a family along a path; those of means are refused."""
+        """Classify the limits of a family along a path; raise InputError for limits of means."""
         family.refuse_means()
         half_planes, later = {}, []
         for member in family:
@@ -130,14 +129,14 @@ class PathLimits:
 
 
 def largest_speeds(family: LimitFamily, curve: PathCurve, s: FloatArray) -> FloatArray:
-    """Give limits of s' [N] at places s; infinite where there is none."""
+    """Return the limits of s' [N] at places s; infinite without a limit."""
     nodes = nodes_of(curve, s)
     most = least_bound(_speed_limits(family, nodes), nodes, s.size)
     return np.where(most < FAR, np.sqrt(most), np.inf)
 
 
 def least_bound(bounds: Mapping[str, FloatArray], nodes: Nodes, count: int) -> FloatArray:
-    """Give the least x [N+1] of all bounds at the grid points, from either side."""
+    """Return the least x [N+1] of all bounds at the grid points, over both sides of breaks."""
     per_node = np.full(len(nodes.tangent), FAR)
     for bound in bounds.values():
         per_node = np.minimum(per_node, bound.min(axis=1))
@@ -145,7 +144,7 @@ def least_bound(bounds: Mapping[str, FloatArray], nodes: Nodes, count: int) -> F
 
 
 def _speed_limits(family: LimitFamily, nodes: Nodes) -> dict[str, FloatArray]:
-    """Give the largest x = s'^2 [N,k] that limits of the velocity alone leave, by their keys."""
+    """Return the largest x = s'^2 [N,k] that velocity limits allow, by their keys."""
     return {
         key: _velocity_bound(family, nodes) if key == "qd" else speed_bound(family, key, nodes)
         for key in family.of_order(1)
@@ -153,7 +152,7 @@ def _speed_limits(family: LimitFamily, nodes: Nodes) -> dict[str, FloatArray]:
 
 
 def limits_kept_by(limits: PathLimits) -> dict[str, list[str]]:
-    """Name limits by what keeps them first."""
+    """Return the names of limits by the method that keeps them."""
     names = {
         "reachability": list(limits.half_planes),
         "speed bound": list(limits.speed),
@@ -163,15 +162,15 @@ def limits_kept_by(limits: PathLimits) -> dict[str, list[str]]:
 
 
 def _along(family: LimitFamily, nodes: Nodes, key: str, u: Any, v: Any) -> LimitValues:
-    """Give values of a limit at the nodes for s'' = u and s' = v, numbers or [N]."""
+    """Return the values of a limit at the nodes for s'' = u and s' = v, numbers or [N]."""
     samples = samples_along((nodes.position, nodes.tangent, nodes.curvature), (v, u))
     return family.values(samples, [key])[key]
 
 
 def torque_coefficients(robot: Robot, nodes: Nodes, fast: bool) -> tuple[FloatArray, ...]:
-    """Give the torque per u, per x and at rest, each [N,n]; dry friction counts as at rest.
+    """Return the torque per u, per x and at rest, each [N,n]; dry friction counts as at rest.
 
-    docs/theory/path_timing.md, "Along a path".
+    docs/theory/path_timing.md, equation (2).
     """
     tau = deferred_call(inverse_dynamics(frictionless(robot)), compiled=fast)
     q, tangent, curvature = nodes.position, nodes.tangent, nodes.curvature
@@ -182,7 +181,7 @@ def torque_coefficients(robot: Robot, nodes: Nodes, fast: bool) -> tuple[FloatAr
 
 
 def _half_planes(family: LimitFamily, key: str, nodes: Nodes) -> Coefficients | None:
-    """Give the limit as half planes, or None where it is not affine in u and x."""
+    """Return a limit as half planes, or None if it is not affine in u and x."""
     rest = _along(family, nodes, key, 0.0, 0.0)
     with_u = _along(family, nodes, key, 1.0, 0.0)
     with_x = _along(family, nodes, key, 0.0, 1.0)
@@ -221,7 +220,7 @@ def speed_bound(family: LimitFamily, key: str, nodes: Nodes) -> FloatArray:
 
 
 def _velocity_bound(family: LimitFamily, nodes: Nodes) -> FloatArray:
-    """Give the largest x [N,n] that the joints' velocity limits leave."""
+    """Return the largest x [N,n] that the joints' velocity limits allow."""
     member, tangent = family["qd"], nodes.tangent
     with np.errstate(divide="ignore", invalid="ignore"):
         limit = np.where(tangent > 0, member.upper, member.lower) / tangent
@@ -230,14 +229,14 @@ def _velocity_bound(family: LimitFamily, nodes: Nodes) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class LimitRows:
-    """Limits ``lower <= per_u u + per_x x <= upper`` at nodes, one column a limit."""
+    """Limits ``lower <= per_u u + per_x x <= upper`` at nodes, one column per limit."""
 
     per_u: FloatArray
     per_x: FloatArray
     lower: FloatArray
     upper: FloatArray
     right: np.ndarray
-    names: tuple[tuple[str, int], ...]  # key of the limit and component, a row each
+    names: tuple[tuple[str, int], ...]  # key of the limit and component of each column
 
     @classmethod
     def of(cls, nodes: Nodes, limits: PathLimits) -> LimitRows:
@@ -251,19 +250,21 @@ class LimitRows:
             names += [(key, int(j)) for j in bounded]
         tables = np.concatenate([np.zeros((4, len(nodes.position), 0)), *parts], axis=2)
         per_u = np.abs(tables[0])
+        # Rounding leaves tiny coefficients of u where a joint's inertia along the path vanishes.
         tables[0, per_u < 1e-12 * per_u.max(axis=0, initial=0.0)] = 0.0
         return cls(*tables, right=nodes.right, names=tuple(names))
 
     @property
     def torques(self) -> tuple[np.ndarray, np.ndarray]:
-        """Columns that are of torques, and their joints."""
+        """Indices of the columns of torques, and their joints."""
         columns = [(i, j) for i, (key, j) in enumerate(self.names) if key == "tau"]
         table = np.array(columns, dtype=int).reshape(-1, 2)
         return table[:, 0], table[:, 1]
 
     def with_friction(self, nodes: Nodes, robot: Robot, x: FloatArray) -> LimitRows:
-        """Add friction, which goes with the root of x: linear around the timing found last.
+        """Return the rows with friction, linearised in x around the last timing.
 
+        Friction depends on v = sqrt(x); its tangent in x has the slope df/dv / (2 v).
         docs/theory/path_timing.md, "Reachability".
         """
         at_nodes = np.zeros(len(self.per_u))
@@ -274,9 +275,9 @@ class LimitRows:
         viscous, dry = (friction(robot, kind)[joints] for kind in (VISCOUS, DRY))
         share = np.tanh(tangent * v / COULOMB_SMOOTHING)
         slope = tangent * (viscous + dry * (1.0 - share**2) / COULOMB_SMOOTHING) / (2.0 * v)
-        # what the coefficients hold already, the whole of dry friction, is taken out
+        # The coefficients already contain the full dry friction, which is subtracted here.
         constant = viscous * tangent * v + dry * (share - np.sign(tangent)) - slope * v**2
-        # right after a stop the whole of it acts, right at it nothing: there both must do
+        # Friction is full right after a stop and zero at the stop: both values must be within.
         still = at_nodes[:, None] <= PATH_LIMITS.still * float(x.max())
         least, most = np.minimum(constant, 0.0), np.maximum(constant, 0.0)
         per_x, lower, upper = self.per_x.copy(), self.lower.copy(), self.upper.copy()

@@ -1,11 +1,11 @@
-"""The phase plane of a path: how fast its parameter may run, how fast it runs at best, and why.
+"""The phase plane of a path: bounds of its speed, the best speed profile, and its active limits.
 
-At a point of the path every limit is ``a s'' + f s' + b s'^2 <= h`` (f is viscous friction). From
-any two limits that bound s'' from both sides it can be eliminated: what is left bounds s' alone.
-The least of these bounds along the path is the maximum-velocity curve of Bobrow, Dubowsky and
-Gibson, "Time-optimal control of robotic manipulators along specified paths", IJRR 4(3), 1985: above
-it no acceleration keeps every limit. The best profile lies below; at every moment it rides on one
-limit, and where it changes from one to the next the drive switches.
+At a point of the path every limit is ``a s'' + f s' + b s'^2 <= h``, with viscous friction f. Two
+limits that bound s'' from both sides eliminate it, and a bound of s' alone remains. The least of
+these bounds along the path is the maximum-velocity curve of Bobrow, Dubowsky and Gibson,
+"Time-optimal control of robotic manipulators along specified paths", IJRR 4(3), 1985: above it no
+acceleration keeps every limit. The best profile lies below it and follows one limit at every
+moment; it switches from one limit to the next.
 
 Theory: docs/theory/path_timing.md, "The phase plane".
 """
@@ -33,12 +33,12 @@ from microbot_ocp.robot import Robot
 
 @dataclass(frozen=True)
 class ArcSettings:
-    """Settings by which arcs are told.
+    """Settings of the detection of arcs.
 
     Attributes
     ----------
-    active : room below a limit, as a ratio of its range, that counts as on the limit
-    fewest : grid intervals of an arc; on fewer it is a touch between two others
+    active : distance to a limit that counts as on the limit, per range
+    fewest : smallest number of grid intervals of an arc
     """
 
     active: float = 0.005
@@ -56,7 +56,7 @@ class PathLimit(NamedTuple):
     quantity : str
         Key of the limit, such as "tau".
     joint : int
-        Index of the joint, from 0 (0 where the limit is not one of the joints).
+        Index of the joint, from 0; 0 if the limit does not belong to a joint.
     side : int
         1 for the upper limit, -1 for the lower one.
     """
@@ -67,9 +67,9 @@ class PathLimit(NamedTuple):
 
 
 class LimitArc(NamedTuple):
-    """A part of the best profile that rides on one limit: path parameters, and the limit.
+    """A part of the best profile on one limit: path parameters of its ends, and the limit.
 
-    ``limit`` is None where the profile rides on none.
+    ``limit`` is None for a part below all limits.
     """
 
     start: float
@@ -84,27 +84,27 @@ class PhasePlane:
     Attributes
     ----------
     s : array [N]
-        Path parameter of the grid points; a stop on the way stands there twice.
+        Path parameter of the grid points; an inner stop has two points.
     speed : array [N]
-        ds/dt of the best timing; NaN where there is none.
+        ds/dt of the best timing; NaN without one.
     torque_bound : array [N]
-        The maximum-velocity curve: largest ds/dt at which the limits of torque and acceleration
-        leave an acceleration; infinite where they leave one at any speed.
+        Maximum-velocity curve: largest ds/dt at which limits of torque and acceleration allow an
+        acceleration; infinite if they do at any speed.
     velocity_bound : array [N]
-        Largest ds/dt that the limits of velocities leave.
+        Largest ds/dt within the velocity limits.
     least : array [N]
-        Smallest ds/dt at which they leave an acceleration: 0 where the arm can rest.
+        Smallest ds/dt at which the limits allow an acceleration; 0 if the arm can rest.
     velocity_joint : array [N]
-        Index of the joint whose velocity limit leaves the least ds/dt; -1 where a limit that is not
-        one of the joints, such as of the tool's speed, leaves less.
+        Index of the joint whose velocity limit is the tightest; -1 if a limit of another kind, such
+        as the tool's speed, is tighter.
     arcs : tuple of LimitArc
-        Parts of the profile by the limit that it rides on, in order.
+        Parts of the profile by their active limit, in order.
     duration : float
-        s; NaN where the path cannot be travelled or the time was over.
+        Duration, s; NaN if the path is infeasible or the time was over.
     blocked_at : float
-        Path parameter from which the end cannot be reached, NaN where it can.
+        Path parameter from which the end cannot be reached; NaN on a feasible path.
     status : Status
-        Solved, infeasible, or "time limit": all of the above is of the segments that were done.
+        Solved, infeasible, or "time limit", in which case the arrays cover the finished segments.
     """
 
     s: FloatArray
@@ -120,22 +120,22 @@ class PhasePlane:
 
     @property
     def feasible(self) -> bool:
-        """Whether the path can be travelled within the limits at all."""
+        """True if the path is feasible within the limits."""
         return bool(np.isfinite(self.duration))
 
     @property
     def bound(self) -> FloatArray:
-        """Largest admissible ds/dt [N], whatever limits it."""
+        """Largest admissible ds/dt [N] under all limits."""
         return np.minimum(self.torque_bound, self.velocity_bound)
 
     @property
     def switches(self) -> FloatArray:
-        """Path parameters at which the profile changes from one limit to another."""
+        """Path parameters at which the profile switches from one limit to another."""
         return np.array([b.start for a, b in pairwise(self.arcs) if a.limit != b.limit])
 
     @property
     def switch_speeds(self) -> FloatArray:
-        """ds/dt at the switches."""
+        """Speed ds/dt at the switches."""
         return np.interp(self.switches, self.s, self.speed)
 
 
@@ -149,21 +149,21 @@ def phase_plane(
 ) -> PhasePlane:
     """Compute the phase plane of a path from rest to rest.
 
-    Limits that are neither of the velocity nor affine in s'' and s'^2 (torque rates, jerk, power)
-    have no place in it and are left out, but for the stops that they enforce.
+    Limits outside of the phase plane, neither of the velocity nor affine in s'' and s'^2 (torque
+    rates, jerk, power), are left out; the stops that they enforce are kept.
 
     Parameters
     ----------
     robot : Robot
-        With masses.
+        Robot with masses.
     path : PiecewisePolynomial
-        Joint positions over any path parameter; at a corner the arm stops.
+        Joint positions over any path parameter; the arm stops at corners.
     limits : Limits, optional
-        Default the robot's own.
+        Default: the robot's own.
     grid : int
-        Intervals of each segment between two stops.
+        Number of intervals of each segment between two stops.
     time_limit : float
-        Wall time, s, after which no further segment is begun.
+        Wall time, s, after which no further segment is started.
 
     Returns
     -------
@@ -173,7 +173,8 @@ def phase_plane(
     Raises
     ------
     InputError
-        A path of another number of joints, limits that leave the time free, a grid too coarse.
+        A path of another number of joints, limits that leave the duration unbounded from below, or
+        a grid that is too coarse.
 
     Examples
     --------
@@ -214,7 +215,7 @@ def phase_plane(
 
 
 def _segment(family: LimitFamily, curve: PathCurve, begin: float, grid: int) -> PhasePlane:
-    """Compute the phase plane between two stops, first in the regular parameter of the curve."""
+    """Compute the phase plane between two stops, from the regular parameter of the curve."""
     along = CurveLimits.of(family, curve, grid, compiles())
     timing = reach(along)
     nodes, rows = along.nodes, along.rows
@@ -245,24 +246,25 @@ def _segment(family: LimitFamily, curve: PathCurve, begin: float, grid: int) -> 
 
 
 def speed_range(rows: LimitRows, per_v: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Give the smallest and largest v = s' [nodes] that leave an s'' within all rows.
+    """Return the smallest and largest v = s' [nodes] for which some s'' satisfies all rows.
 
     docs/theory/path_timing.md, "The phase plane".
 
     Parameters
     ----------
     rows : LimitRows
-        With constants in s'' and s'^2.
+        Coefficients of s'' and s'^2, with bounds.
     per_v : array [nodes, rows]
-        What the rows have in s' besides (viscous friction).
+        Coefficients of s' (viscous friction).
 
     Returns
     -------
     least, most : array [nodes]
-        ``most`` is below ``least`` where no speed is admissible, infinite where all above are. The
-        set between them may have gaps under viscous friction.
+        ``most`` is below ``least`` if no speed is admissible, and infinite if no speed is too
+        large. Under viscous friction the admissible set may have gaps between them.
     """
-    # every row twice, as "at most": a u + f v + b v^2 <= h
+    # Both bounds of every row as a u + f v + b v^2 <= h. Fourier-Motzkin: a row with a > 0 plus one
+    # with a < 0, each divided by |a|, bounds v alone; so does a row with a = 0.
     sides = ((1.0, rows.upper), (-1.0, -rows.lower))
     a, f, b = (
         np.hstack([sign * table for sign, _ in sides]) for table in (rows.per_u, per_v, rows.per_x)
@@ -281,7 +283,7 @@ def speed_range(rows: LimitRows, per_v: FloatArray) -> tuple[FloatArray, FloatAr
     used = np.hstack([joint, flat])
     start, end = _refused(pairs(b), pairs(f), np.where(used, pairs(h), np.inf))
     least, most = np.zeros((len(a), 1)), np.full((len(a), 1), np.inf)
-    for _ in range(start.shape[1]):  # out of every interval, upwards and downwards
+    for _ in range(start.shape[1]):  # move both ends out of the refused intervals until none moves
         raised = np.where((start < least) & (least < end), end, least).max(axis=1)[:, None]
         lowered = np.where((start < most) & (most <= end), start, most).min(axis=1)[:, None]
         if np.array_equal(raised, least) and np.array_equal(lowered, most):
@@ -291,13 +293,14 @@ def speed_range(rows: LimitRows, per_v: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 def _refused(b: FloatArray, f: FloatArray, h: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Give open intervals of v >= 0 in which ``f v + b v^2 > h``, two columns for each constraint.
+    """Return open intervals of v >= 0 with ``f v + b v^2 > h``, two columns per constraint.
 
-    A start below zero means that zero itself is refused; an empty interval is (inf, inf).
+    A start below zero refuses zero as well; an empty interval is (inf, inf).
     """
-    b = b + 0.0  # no negative zero, whose quotients have the wrong sign
+    b = b + 0.0  # a negative zero would give quotients of the wrong sign
     with np.errstate(divide="ignore", invalid="ignore"):
         square = f**2 + 4 * b * h
+        # Roots of b v^2 + f v - h by the stable quadratic formula, without cancellation.
         q = -0.5 * (f + np.copysign(np.sqrt(np.maximum(square, 0.0)), f))
         roots = q / b, -h / q
         low, high = np.fmin(*roots), np.fmax(*roots)
@@ -314,14 +317,14 @@ def _refused(b: FloatArray, f: FloatArray, h: FloatArray) -> tuple[FloatArray, F
 
 
 def _at_points(nodes: Nodes, size: int, values: FloatArray, choose: np.ufunc) -> FloatArray:
-    """Give values at grid points from those at nodes: at a break the tighter of its two sides."""
+    """Return values at grid points from those at nodes: the tighter of both sides of a break."""
     result = values[:size].copy()
     choose.at(result, np.arange(1, size), values[nodes.right])
     return result
 
 
 def _fastest_joint(limits: PathLimits, size: int) -> np.ndarray:
-    """Give the joint whose velocity limit leaves the least speed, at grid points [size], or -1."""
+    """Return the joint with the tightest velocity limit at grid points [size], or -1."""
     joints = limits.speed.get("qd")
     if joints is None:
         return np.full(size, -1)
@@ -332,7 +335,7 @@ def _fastest_joint(limits: PathLimits, size: int) -> np.ndarray:
 
 
 def _arcs(s: FloatArray, timing: Reached, rows: LimitRows, along: CurveLimits) -> list[LimitArc]:
-    """Find the runs of grid intervals on the same limit."""
+    """Return the runs of grid intervals on one limit; short runs join the one before."""
     names, room = _room(timing, rows, along.nodes, along.limits)
     nearest = room.argmin(axis=1)
     on = np.where(room[np.arange(len(room)), nearest] <= ARCS.active, nearest, -1)
@@ -353,15 +356,15 @@ def _arcs(s: FloatArray, timing: Reached, rows: LimitRows, along: CurveLimits) -
 def _room(
     timing: Reached, rows: LimitRows, nodes: Nodes, limits: PathLimits
 ) -> tuple[list[PathLimit], FloatArray]:
-    """Give every limit by name, and the room [N, limits] that the profile leaves below it.
+    """Return every limit by name, and the distance [N, limits] of the profile from it.
 
-    As a share of its range, the lesser of both ends of every grid interval.
+    Distances are shares of the limit's range, the lesser one of both ends of every grid interval.
     """
     x = timing.speed_squared[:, None]
     first = np.arange(rows.right.size)
     ends = ((first, x[:-1], timing.start[:, None]), (rows.right, x[1:], timing.end[:, None]))
     names: list[PathLimit] = []
-    rooms = []  # at both ends
+    rooms = []  # arrays at both ends of intervals
     span = rows.upper - rows.lower
     for side, bound in ((1, rows.upper), (-1, rows.lower)):
         size = np.where(np.isfinite(span), span, 1.0 + np.abs(bound))

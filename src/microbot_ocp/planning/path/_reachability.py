@@ -1,17 +1,17 @@
-"""The best timing of a given path on a grid, by reachability: two passes of small linear programs.
+"""The best timing of a given path on a grid by reachability: two passes of small linear programs.
 
 Along a path q(s) the torque is affine in u = s'' and x = s'^2,
-``tau = M q' u + (M q'' + C(q, q') q') x + g``. On every interval u runs linearly from a to b, so
-that ``x_{i+1} = x_i + d (a + b)``, and may jump at the grid points: each limit is a half plane in
-(x_i, a) at the start of an interval and one in (x_{i+1}, b) at its end, and between them it is kept
-to second order in d. Backward, the set of x_i from which the end can be reached is an interval;
-forward, the largest x_{i+1} in it is taken. After Pham and Pham, "A new approach to time-optimal
-path parameterization based on reachability analysis", IEEE T-RO 34(3), 2018, where u is constant on
-every interval: riding a limit that changes along the path, that is slower to first order in d.
+``tau = M q' u + (M q'' + C(q, q') q') x + g``. On every interval u is linear from a to b, so that
+``x_{i+1} = x_i + d (a + b)``, and may jump at grid points. Each limit is a half plane in (x_i, a)
+at the start of an interval and one in (x_{i+1}, b) at its end, and holds in between to second order
+in d. The backward pass finds the interval of x_i from which the end can be reached; the forward
+pass takes the largest x_{i+1} in it. After Pham and Pham, "A new approach to time-optimal path
+parameterization based on reachability analysis", IEEE T-RO 34(3), 2018, who take u constant on
+every interval: on a limit that changes along the path that is slower to first order in d.
 
-Both ends share ``w = x_i + d a = x_{i+1} - d b`` alone: a set of x_{i+1} leaves an interval of w,
-and that one of x_i. Of two unknowns one is always eliminated in closed form (Fourier and Motzkin).
-What limits at one end leave among themselves is found before, for all intervals at once.
+Both ends share only ``w = x_i + d a = x_{i+1} - d b``: a set of x_{i+1} leads to an interval of w,
+and this to one of x_i. Each step eliminates one of two unknowns in closed form (Fourier and
+Motzkin). The ranges allowed by one end alone are computed beforehand, for all intervals at once.
 
 Theory: docs/theory/path_timing.md, equations (2) and (3).
 """
@@ -49,16 +49,17 @@ class ReachabilitySettings:
 
     Attributes
     ----------
-    rounding : relative violation of a limit that is none
-    friction_passes : linearisations of friction, which goes with the root of x, at most
+    rounding : relative violation of a limit that counts as rounding
+    friction_passes : largest number of linearisations of friction
     settled : relative change of a duration that ends the doubling of the grid
-    places : shares of an interval at which limits are looked at
-    alike : relative change of an inertia along an interval up to which one end stands for it
-    steep : least relative size of a coefficient that is divided by
-    flat : relative size of a coefficient that counts as zero
-    starts, starts_over : free starts that are compared, and intervals over which they are
-    tiny : of a speed: what is divided by in the place of zero
-    short : of k t^2, below which a series replaces sinh and sin
+    places : shares of an interval at which limits are checked
+    alike : relative change of an inertia in an interval up to which limits of one end suffice
+    steep : smallest relative magnitude of a divisor
+    flat : relative magnitude of a coefficient that counts as zero
+    starts : number of free initial speeds that are compared
+    starts_over : number of intervals over which free initial speeds are compared
+    tiny : stand-in for a speed of zero in a quotient
+    short : value of k t^2 below which a series replaces sinh and sin
     """
 
     rounding: float = 1e-9
@@ -87,8 +88,8 @@ class Reached:
     speed_squared : array [N+1], (ds/dt)^2
     start, end : arrays [N], d2s/dt2 at both ends of every interval; linear in s between them
     t : array [N+1], times, s
-    feasible : whether the curve can be travelled within the limits at all
-    blocked_at : parameter from which the end cannot be reached, NaN where feasible
+    feasible : True if the curve is feasible within the limits
+    blocked_at : parameter from which the end cannot be reached, NaN if feasible
     """
 
     s: FloatArray
@@ -101,14 +102,15 @@ class Reached:
 
     @property
     def duration(self) -> float:
-        """Time from end to end, s."""
+        """Duration, s."""
         return float(self.t[-1])
 
     def smoothed(self, curve: PathCurve, other: PathCurve, rise: float, count: int) -> Reached:
-        """Smooth the accelerations over ``rise`` s, for another parameter of the path.
+        """Return a timing with accelerations smoothed over ``rise`` s, in another path parameter.
 
-        The way travelled is the mean of those within that time, so that the arm leaves like t^3
-        where it did like t^2; at so many times on each piece, but no finer than these.
+        The distance covered is averaged over a window of that length, so that a start like t^2
+        becomes one like t^3. Each piece has ``count`` intervals; the window is at least one of
+        them.
         """
         grid = path_grid(other, self.s.size)
         steps = np.linalg.norm(np.diff(other.evaluate(grid)[0], axis=0), axis=1)
@@ -116,6 +118,7 @@ class Reached:
         way = np.interp(curve.parameter(self.s)[0], other.parameter(grid)[0], ways)
         lasts = self.duration
         width = max(rise, lasts / (count * len(other.pieces)))
+        # Moving average by the integral of the distance: (A(t) - A(t - width)) / width.
         area = np.append(0.0, np.cumsum(0.5 * np.diff(self.t) * (way[1:] + way[:-1])))
 
         def sum_until(t: FloatArray) -> FloatArray:
@@ -134,14 +137,18 @@ class Reached:
         return replace(self, s=s, speed_squared=x, start=change, end=change, t=t - t[0])
 
     def inside(self, i: np.ndarray, share: FloatArray) -> tuple[FloatArray, ...]:
-        """Give s, ds/dt and d2s/dt2 a share of the way through intervals i."""
+        """Return s, ds/dt and d2s/dt2 at a share of the length of intervals i."""
         d = np.diff(self.s)[i]
         way, rise = share * d, self.end[i] - self.start[i]
         x = self.speed_squared[i] + way * (2.0 * self.start[i] + rise * share)
         return self.s[i] + way, np.sqrt(np.maximum(x, 0.0)), self.start[i] + rise * share
 
     def after(self, i: np.ndarray, time: FloatArray) -> tuple[FloatArray, ...]:
-        """Give s, ds/dt, d2s/dt2 at times since the start of intervals i: s'' = a + k (s - s_i)."""
+        """Return s, ds/dt and d2s/dt2 at times after the start of intervals i.
+
+        In s, the motion s'' = a + k (s - s_i) is a hyperbolic (k > 0) or circular (k < 0) function
+        of time.
+        """
         a, v = self.start[i], np.sqrt(self.speed_squared[i])
         k = (self.end[i] - a) / np.diff(self.s)[i]
         whole, half = (_sinh_over(k * (f * time) ** 2) for f in (1.0, 0.5))
@@ -151,7 +158,7 @@ class Reached:
 
 
 def harmonic(s: FloatArray, lasts: float) -> Reached:
-    """Give a timing without regard to limits, ``1 - cos(pi t / T)`` in the parameter, on a grid."""
+    """Return the timing ``1 - cos(pi t / T)`` of the parameter on a grid, whatever the limits."""
     way = (s - s[0]) / (s[-1] - s[0])
     unit = (np.pi / lasts) ** 2 * (s[-1] - s[0])
     rise = unit * (0.5 - way)
@@ -161,7 +168,7 @@ def harmonic(s: FloatArray, lasts: float) -> Reached:
 
 
 def _sinh_over(z: FloatArray) -> FloatArray:
-    """Give sinh(r)/r of r = sqrt(z); sin where z is negative."""
+    """Return sinh(r)/r for r = sqrt(z), or sin(r)/r for negative z."""
     r = np.sqrt(np.abs(z))
     with np.errstate(divide="ignore", invalid="ignore"):
         far = np.where(z > 0, np.sinh(r), np.sin(r)) / r
@@ -170,7 +177,7 @@ def _sinh_over(z: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class CurveLimits:
-    """What the passes need of a curve: its grid, its nodes, its limits at them."""
+    """Grid, nodes and limits of a curve, for the passes."""
 
     curve: PathCurve
     fast: bool  # use compiled functions
@@ -178,13 +185,13 @@ class CurveLimits:
     nodes: Nodes
     limits: PathLimits
     rows: LimitRows
-    has_friction: bool  # whether a torque that is limited has friction in it
+    has_friction: bool  # True if a limited torque contains friction
 
     @classmethod
     def of(
         cls, family: LimitFamily, curve: PathCurve, grid: int | FloatArray, fast: bool
     ) -> CurveLimits:
-        """Give limits of a curve on a grid of about so many intervals, or on given points."""
+        """Return the limits of a curve on a grid of about so many intervals, or on given points."""
         s = path_grid(curve, grid) if isinstance(grid, int) else grid
         nodes = nodes_of(curve, s)
         limits = PathLimits.of(family, nodes, fast)
@@ -194,13 +201,13 @@ class CurveLimits:
 
     @property
     def speed_limit(self) -> FloatArray:
-        """The largest x [N+1] that the limits of the velocity leave at the grid points."""
+        """Largest x [N+1] within the velocity limits at the grid points."""
         return least_bound(self.limits.speed, self.nodes, self.s.size)
 
     def steady_speed(self) -> FloatArray:
-        """Give the speed s' [N+1] up to which further limits are kept without s'' and s'''.
+        """Return the speed s' [N+1] up to which further limits hold without s'' and s'''.
 
-        Those that the passes cannot keep, limits of the joints aside.
+        Limits of joints do not count, only expressions that the passes cannot keep.
         """
         family = self.limits.family
         keys = [key for key in self.limits.later if family[key].limit is not None]
@@ -208,7 +215,7 @@ class CurveLimits:
         return np.sqrt(least_bound(bounds, self.nodes, self.s.size))
 
     def excess(self, timing: Reached) -> FloatArray:
-        """Give the largest relative excess [N] over any of these limits inside every interval."""
+        """Return the largest relative excess [N] over these limits inside every interval."""
         family, worst = self.limits.family, np.full(self.s.size - 1, -1.0)
         i = np.arange(worst.size)
         for share in REACHABILITY.places:
@@ -230,11 +237,10 @@ def reach(
 ) -> Reached:
     """Find the best timing of a curve on its grid, from rest to rest or with ds/dt at its ends.
 
-    With ds/dt at most ``fastest`` [N+1]; docs/theory/path_timing.md, "Reachability".
-
-    ``start_free`` and ``end_free`` leave ds/dt free at an end, by default where the tangent
-    vanishes, as the arm rests there all the same. Friction goes with the root of x and is
-    linearised around the timing found last.
+    docs/theory/path_timing.md, "Reachability". ``fastest`` [N+1] bounds ds/dt further.
+    ``start_free`` and ``end_free`` leave ds/dt free at an end; the default is True for a vanishing
+    tangent, because the arm rests there at any ds/dt. Friction depends on the root of x and is
+    linearised around the last timing.
     """
     free = (
         along.curve.start_free if start_free is None else start_free,
@@ -248,7 +254,7 @@ def reach(
             break
         bent = along.rows.with_friction(along.nodes, along.limits.family.robot, x)
         timing = _passes(along, bent, speed_limit, free, ends)
-        if not timing.feasible:  # at a speed at which friction alone takes more than the limits
+        if not timing.feasible:  # at this speed friction alone exceeds the limits
             x = 0.25 * x
             continue
         if abs(timing.duration - before) < 0.01 * REACHABILITY.settled * timing.duration:
@@ -258,9 +264,9 @@ def reach(
 
 
 def path_grid(path: PathCurve, count: int) -> FloatArray:
-    """Make a grid [N+1] of about ``count`` intervals with the breaks of the path among its points.
+    """Return a grid [N+1] of about ``count`` intervals that includes the breaks of the path.
 
-    Near them it is finer: inertias vanish there often, and the curvature jumps.
+    The grid is denser near breaks, where inertias often vanish and the curvature jumps.
     """
     lengths = np.diff(path.breaks)
     shares = np.maximum(2, np.round(count * lengths / lengths.sum()).astype(int))
@@ -284,6 +290,7 @@ def _passes(
     table = np.hstack([rows.per_u, rows.per_x, rows.lower, rows.upper])
     at_ends = deferred_call(_at_ends(width), compiled=fast)
     left, right, x_range, y_range = at_ends(table[: step.size], table[rows.right], steps)
+    # Ranges of x at each end, and of w, that the limits of one end allow alone.
     size = 6 * width
     least, most = np.zeros(s.size), speed_limit.copy()
     in_range = deferred_call(_range(size, False), size, compiled=fast)
@@ -296,6 +303,7 @@ def _passes(
     end = np.array([least[-1], most[-1]])
     if not free[1]:
         end = np.array([max(end[0], finishes), min(max(end[1], 0.0), finishes)])
+    # Backward: sets[i] is the interval of x_i from which x_{i+1} in sets[i+1] is reachable.
     bounds = np.column_stack([least[:-1], most[:-1], w])
     backward = deferred_call(_backward(size), kept=True, compiled=fast)
     sets = backward(end, *(table[::-1] for table in (left, right, steps, bounds)))
@@ -309,7 +317,7 @@ def _passes(
         return Reached(s, np.zeros_like(s), nothing, nothing, unknown, False, at)
     intervals = left, right, steps, np.column_stack([low[1:], high[1:]])
     first = max(high[0], 0.0)
-    if free[0]:  # the largest x_0 may bar larger ones soon after, a small one loses time at once
+    if free[0]:  # a large x_0 may forbid larger ones soon after, a small one loses time at once
         tried = [np.linspace(low[0], high[0], REACHABILITY.starts)]
         onward = deferred_call(_onward(size), compiled=fast)
         for interval in zip(
@@ -329,12 +337,12 @@ def _passes(
 
 
 def _durations(x: FloatArray, step: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
-    """Give the times [N] of the intervals, s'' = a + k (s - s_i); infinite where x stays zero."""
+    """Return the durations [N] of intervals, s'' = a + k (s - s_i); infinite if x stays zero."""
     k, v0, v1 = (end - start) / step, np.sqrt(x[:-1]), np.sqrt(x[1:])
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         usual = 2.0 * step / (v0 + v1)
         w = np.sqrt(np.abs(k))
-        # u and w s' turn by the angle w t, hyperbolically where k is positive
+        # (u, sqrt|k| s') rotates by the angle sqrt|k| t, a hyperbolic one for positive k.
         grown, shrunk = (end + w * v1, start + w * v0), (end - w * v1, start - w * v0)
         larger = np.abs(grown[0]) + np.abs(grown[1]) > np.abs(shrunk[0]) + np.abs(shrunk[1])
         hyperbolic = np.where(larger, np.log(grown[0] / grown[1]), -np.log(shrunk[0] / shrunk[1]))
@@ -345,7 +353,7 @@ def _durations(x: FloatArray, step: FloatArray, start: FloatArray, end: FloatArr
 
 
 class _Lines(NamedTuple):
-    """Bounds of one unknown, given another: slope, the largest and the smallest at zero [R]."""
+    """Bounds of one unknown, given another: their slope, and upper and lower intercepts [R]."""
 
     slope: ca.SX
     top: ca.SX
@@ -353,26 +361,26 @@ class _Lines(NamedTuple):
 
     @classmethod
     def of(cls, table: ca.SX) -> _Lines:
-        """Read what :func:`_at_ends` has written."""
+        """Return the lines in a column written by :func:`_at_ends`."""
         third = table.numel() // 3
         return cls(*(table[k * third : (k + 1) * third] for k in range(3)))
 
     def reached(self, way: ca.SX) -> _Lines:
-        """Bound ``w = x + way u`` given x, where these bound u."""
+        """Return bounds of ``w = x + way u`` given x, from these bounds of u."""
         one, other = way * self.top, way * self.bottom
         return _Lines(1.0 + way * self.slope, ca.fmax(one, other), ca.fmin(one, other))
 
     def moved(self, way: ca.SX) -> _Lines:
-        """Bound x given ``w = x + way u``, where these bound u."""
+        """Return bounds of x given ``w = x + way u``, from these bounds of u."""
         ratio = 1.0 + way * self.slope
-        # not so steep that what is no limit becomes one
+        # A slope near -1 / way makes x unbounded; the guard keeps the quotient finite.
         tiny = REACHABILITY.steep * (1.0 + ca.fabs(way * self.slope))
         ratio = 1.0 / ca.if_else(ca.fabs(ratio) <= tiny, tiny, ratio)
         one, other = -way * ratio * self.top, -way * ratio * self.bottom
         return _Lines(ratio, ca.fmax(one, other), ca.fmin(one, other))
 
     def between(self, low: ca.SX, high: ca.SX, least: Any, most: Any) -> tuple[ca.SX, ca.SX]:
-        """Give the least and the largest value allowed anywhere from low to high."""
+        """Return the least and the largest value allowed anywhere from low to high."""
         one, other = self.slope * low, self.slope * high
         return (
             ca.mmax(ca.vertcat(least, ca.fmin(one, other) + self.bottom)),
@@ -380,10 +388,10 @@ class _Lines(NamedTuple):
         )
 
     def narrowed(self, least: ca.SX, most: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Bring bounds of x nearer to those x that leave a u, by a step of Newton's method.
+        """Return bounds of x moved towards those that leave a u, by a step of Newton's method.
 
-        The room that x leaves to u is concave and piecewise linear: from outside, the zeros of its
-        tangents reach the bounds in at most a step for each of its 2 R lines.
+        The range of u that x leaves is a concave, piecewise linear function of x. From outside,
+        zeros of its tangents reach its end in at most one step per each of its 2 R lines.
         """
         bounds = []
         for x, side in ((least, 1.0), (most, -1.0)):
@@ -392,14 +400,14 @@ class _Lines(NamedTuple):
             room, opening = above + below, rise + fall
             slack = REACHABILITY.rounding * (1.0 + ca.fabs(above) + ca.fabs(below))
             missing = -room - opening * x
-            nearer = ca.if_else(missing > slack, side * FAR, x)  # there is no such x
+            nearer = ca.if_else(missing > slack, side * FAR, x)  # infeasible: no x leaves a u
             nearer = ca.if_else(side * opening > 0.0, -room / opening, nearer)
             bounds.append(ca.if_else(missing > 0.0, side * ca.fmax(side * x, side * nearer), x))
         return bounds[0], bounds[1]
 
 
 def _lowest(x: ca.SX, slope: ca.SX, intercept: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Give intercept and slope of the lowest of lines at x."""
+    """Return intercept and slope of the lowest line at x."""
     best, rise, lowest = ca.SX(FAR), ca.SX(0), ca.SX(FAR)
     for s, b in zip(ca.vertsplit(slope), ca.vertsplit(intercept), strict=True):
         value = s * x + b
@@ -414,12 +422,12 @@ def _function(name: str, given: list[ca.SX], results: list[ca.SX]) -> ca.Functio
 
 @lru_cache(maxsize=32)
 def _at_ends(width: int) -> ca.Function:
-    """Make what bounds u at both ends of an interval, as :class:`_Lines`, and the range of x there
-    that limits leave which do not feel u.
+    """Return the function of bounds of u at both ends of an interval, and of ranges of x.
 
-    Where the inertia changes much the limits of the other end count, too: there the product of
-    inertia and u, both linear, is far from linear between the ends, and an inertia that vanishes at
-    one of them would leave u free.
+    Bounds of u are :class:`_Lines`; the ranges of x come from limits without u. If the inertia
+    changes much in the interval, limits of the other end count as well: the product of inertia and
+    u, both linear, is far from linear between the ends, and an inertia that vanishes at one end
+    would leave u free there.
     """
     ends, step = [ca.SX.sym(name, 4 * width) for name in ("left", "right")], ca.SX.sym("step")
     rows = [[end[k * width : (k + 1) * width] for k in range(4)] for end in ends]
@@ -446,7 +454,7 @@ def _at_ends(width: int) -> ca.Function:
 
 @lru_cache(maxsize=32)
 def _range(size: int, on_way: bool) -> ca.Function:
-    """Make a step towards the range of x that limits at one end leave, or of w at the other."""
+    """Return a Newton step towards the range of x allowed at one end, or of w at the other."""
     x, table, step = ca.SX.sym("x", 2), ca.SX.sym("limits", size), ca.SX.sym("step")
     lines = _Lines.of(table)
     lines = lines.moved(-step) if on_way else lines
@@ -458,7 +466,7 @@ def _range(size: int, on_way: bool) -> ca.Function:
 
 @lru_cache(maxsize=32)
 def _backward(size: int) -> ca.Function:
-    """Make a step of the backward pass: the set of x_i from which that of x_{i+1} can be reached.
+    """Return a step of the backward pass: the x_i from which the set of x_{i+1} is reachable.
 
     docs/theory/path_timing.md, "Reachability".
     """
@@ -471,13 +479,13 @@ def _backward(size: int) -> ca.Function:
     for low, high in (y, w, x):
         crossed = high < low - REACHABILITY.rounding * (1.0 + ca.fabs(low))
         empty = ca.logic_or(empty, crossed)
-    # an empty set is passed on as one with its ends crossed
+    # Crossed ends mark an empty set, which the next step keeps empty.
     result = ca.if_else(empty, ca.vertcat(1.0, -1.0), ca.vertcat(*x))
     return _function("back", [target, left, right, step, bounds], [result])
 
 
 def _following(size: int) -> tuple[list[ca.SX], ca.SX]:
-    """Give the largest x_{i+1} that x_i allows, and what it follows from."""
+    """Return the arguments of a forward step and the largest x_{i+1} that x_i allows."""
     x, bounds, step = ca.SX.sym("x"), ca.SX.sym("bounds", 2), ca.SX.sym("step")
     left, right = ca.SX.sym("left", size), ca.SX.sym("right", size)
     w = _Lines.of(left).reached(step).between(x, x, -FAR, FAR)
@@ -487,16 +495,16 @@ def _following(size: int) -> tuple[list[ca.SX], ca.SX]:
 
 @lru_cache(maxsize=32)
 def _onward(size: int) -> ca.Function:
-    """Make a step of the forward pass that starts are compared by."""
+    """Return a step of the forward pass that compares free initial speeds."""
     given, y = _following(size)
     return _function("onward", given, [y])
 
 
 @lru_cache(maxsize=32)
 def _forward(size: int) -> ca.Function:
-    """Make a step of the forward pass: the largest x_{i+1} that x_i allows, and u at both ends.
+    """Return a step of the forward pass: the largest x_{i+1} that x_i allows, and u at both ends.
 
-    Their mean where limits allow it, else at a limit.
+    Both u are equal to their mean if the limits allow it, otherwise one is on a limit.
     """
     given, y = _following(size)
     x, left, right, step, _ = given
@@ -510,7 +518,7 @@ def _forward(size: int) -> ca.Function:
     most, least = ca.fmin(high, both - end_low), ca.fmax(low, both - end_high)
     start = ca.fmax(ca.fmin(0.5 * both, most), least)
     end = both - start
-    # x must not dip below zero on the way
+    # Between positive ends x has a minimum if u changes its sign; it must not be negative.
     dips = ca.logic_and(ca.logic_and(start < 0, end > 0), x * (end - start) < start**2 * step)
     u = ca.if_else(dips, 0.5 * both, ca.vertcat(start, end))
     return _function("on", given, [y, u])

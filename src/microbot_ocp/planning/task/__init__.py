@@ -1,10 +1,10 @@
-"""What a motion is asked for: stops, what lies between them, payloads, checks at the border.
+"""The task of a motion: stops, segments between them, payloads, and input checks.
 
-Comes in: via points or stops with their limits. Goes out: a :class:`Task`, checked, with typical
-durations. Begin with ``_task.py``; ``_stops.py`` and ``_segments.py`` are what a user writes,
-``_blending.py`` cuts blended corners, ``_checks.py`` refuses what no solver should see,
-``_scale.py`` estimates durations, ``_friction.py`` rounds dry friction off for programs, and
-``_ending.py`` says how a solve ended.
+Input: via points or stops with their limits. Output: a checked :class:`Task` with typical
+durations. ``_task.py`` is the entry point. ``_stops.py`` and ``_segments.py`` are the user's input,
+``_blending.py`` cuts blended corners, ``_checks.py`` rejects bad input before a solver starts,
+``_scale.py`` estimates durations, ``_friction.py`` rounds dry friction off for programs,
+``_robust.py`` bounds torques of uncertain arms, ``_ending.py`` states the outcome of a solve.
 """
 
 import lazy_loader

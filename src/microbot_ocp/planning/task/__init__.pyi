@@ -45,10 +45,10 @@ from ._friction import (
     friction as friction,
     frictionless as frictionless,
     has_windows as has_windows,
-    kept_torques as kept_torques,
     rates_at_reversals as rates_at_reversals,
     reversals as reversals,
     rounded as rounded,
+    windowed_torques as windowed_torques,
     with_windows as with_windows,
     without_dry_friction as without_dry_friction,
 )
@@ -59,7 +59,7 @@ from ._robust import (
 from ._scale import (
     TYPICAL as TYPICAL,
     TaskScale as TaskScale,
-    rates_alone as rates_alone,
+    single_joint_rates as single_joint_rates,
 )
 from ._segments import (
     Circle as Circle,

@@ -1,4 +1,4 @@
-"""Blended corners as two stops each, and long arcs in parts."""
+"""Blended corners as pairs of stops, and long arcs in parts."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ from microbot_ocp.robot import Robot
 
 
 def segment_name(kind: Segment, before: Stop, after: Stop) -> str:
-    """Return such as "tool line from stop 'pick' to stop 'place'"."""
+    """Return the name of a segment, such as "tool line from stop 'pick' to stop 'place'"."""
     names = {Line: "tool line", Circle: "tool circle", JointLine: "joint line"}
-    what = names.get(type(kind), "way")
-    return f"{what} from stop {before.name!r} to stop {after.name!r}"
+    name = names.get(type(kind), "way")
+    return f"{name} from stop {before.name!r} to stop {after.name!r}"
 
 
 def curve_of(
     robot: Robot, kind: Line | Circle, before: Stop, after: Stop
 ) -> tuple[Curve, Turning | None]:
-    """Return the curve of the tool from stop to stop, and the orientation along it, if any."""
+    """Return the curve of the tool between two stops, and the orientation along it or None."""
     (start, turned), (end, turned_after) = before.pose(robot), after.pose(robot)
     free = before.free_axis if before.free_axis is not None else after.free_axis
     with naming(f"{segment_name(kind, before, after)}: "):
@@ -43,7 +43,7 @@ def curve_of(
 def with_corners_cut(
     robot: Robot, stops: Sequence[Stop], kinds: Sequence[Segment]
 ) -> tuple[tuple[Stop, ...], tuple[Segment, ...]]:
-    """Return stops and segments with blended corners as two stops each, and long arcs in parts."""
+    """Return stops and segments, with blended corners as pairs of stops and long arcs in parts."""
     if stops[0].blend or stops[-1].blend:
         raise InputError("the first stop and the last cannot be blended corners")
     places: list[Stop] = [stops[0]]
@@ -82,9 +82,7 @@ def with_corners_cut(
 
 
 def _is_straight(corner: Stop, cut: Sequence[Stop], tolerance: float) -> bool:
-    """Return whether the straight way between the two ends of a blend is within the tubes of
-    its lines.
-    """
+    """Return True if the straight way across a blend stays within the tubes of its lines."""
     start, end = (np.array(place.position) for place in cut)
     way, offset = end - start, np.array(corner.position) - start
     share = float(offset @ way) / float(way @ way)
@@ -96,7 +94,7 @@ def _is_straight(corner: Stop, cut: Sequence[Stop], tolerance: float) -> bool:
 def _in_parts(
     robot: Robot, kind: Circle, before: Stop, after: Stop
 ) -> tuple[list[Stop], list[Segment]]:
-    """Return stops on a long arc, and the parts of it between them."""
+    """Return stops on a long arc, and the parts of the arc between them."""
     curve, turning = curve_of(robot, kind, before, after)
     parts, places = parts_of(kind, curve), []
     for number, (share, _) in enumerate(parts[:-1], 1):
@@ -106,7 +104,7 @@ def _in_parts(
 
 
 def _passed(point: FloatArray, turning: Turning | None, share: float) -> Stop:
-    """Return a place on a tool line or circle that the arm passes at any velocity."""
+    """Return a stop on a tool line or circle that the arm passes at any velocity."""
     if turning is None:
         return Stop(position=point, velocity="any")
     turn = None if turning.free is None else AXES[turning.free]
@@ -115,17 +113,17 @@ def _passed(point: FloatArray, turning: Turning | None, share: float) -> Stop:
 
 
 def _within(place: Stop, kind: Line | Circle, name: str) -> Stop:
-    """Return a place on a tool line or circle with the tolerance of its orientation.
+    """Return a stop on a tool line or circle with the tolerance of its orientation.
 
-    The position is exact: within the tube it would be anywhere along the way at no cost, and
-    solvers take ten times the iterations.
+    The position is exact: a position within the tube could slide along the line at no cost, a flat
+    direction in which solvers take ten times the iterations.
     """
     turn = kind.orientation_tolerance if place.orientation is not None else 0.0
     return replace(place, name=name, orientation_tolerance=turn)
 
 
 def _on_the_way(robot: Robot, corner: Stop, other: Stop) -> Stop:
-    """Return the stop on the line from a corner to its neighbour where the blend begins."""
+    """Return the stop on the line from a corner to its neighbour at which the blend begins."""
     (place, turned), (far, turned_far) = corner.pose(robot), other.pose(robot)
     if corner.position is None:
         raise InputError(f"stop {corner.name!r} is a blended corner: it needs a tool position")

@@ -1,4 +1,4 @@
-"""What every time-optimal solve checks of its task before a solver starts, and its limits then."""
+"""Input checks of time-optimal tasks before a solver starts, and the declaration of limits."""
 
 from __future__ import annotations
 
@@ -36,17 +36,17 @@ from microbot_ocp.robot import (
 )
 
 STATE: tuple[str, ...] = ("q", "qd", "qdd", "qddd")
-GAP = 1e-5  # relative, of a duration above its local optimum
-ROUGH_TOLERANCE = 1e-6  # of solves on all meshes but the last one
+GAP = 1e-5  # relative gap of a duration to its local optimum
+ROUGH_TOLERANCE = 1e-6  # solver tolerance on all meshes but the last one
 LDL = {"ipopt": {"linear_solver": "ldl"}}  # options by solver: see ocp/solvers/_ldl.py
-# A joint alone takes (factor way / limit)^(1 / order) from rest to rest under one limit.
+# A joint alone takes (factor distance / limit)^(1 / order) from rest to rest under one limit.
 REST_TO_REST = {"qd": (1, 1), "qdd": (4, 2), "qddd": (32, 3), "taud": (1, 1)}
 MOST_VIA = 500
-# s, of wall time, where nobody says: of a motion through via points or along a path; of stops,
-# orders of them and scenes
+# Default wall time, s: of motions through via points or along a path; of stops, their orders and
+# scenes.
 TIME_LIMIT, CELL_TIME_LIMIT = 120.0, 600.0
-NEAREST = 1e-8  # rad (m): how well a certificate takes states to be known
-CHECKS_PER_INTERVAL = 20  # places inside every mesh interval at which limits are looked at
+NEAREST = 1e-8  # smallest distance of states that a certificate tells apart, rad (m)
+CHECKS_PER_INTERVAL = 20  # number of checks of the limits inside every mesh interval
 
 Settings = TypeVar("Settings")
 
@@ -57,7 +57,7 @@ def with_changes(settings: Settings, changes: Mapping[str, Any]) -> Settings:
     Raises
     ------
     TypeError
-        There is no such setting.
+        An unknown setting.
     """
     names = [f.name for f in fields(settings)]  # type: ignore[arg-type]
     for name in changes:
@@ -72,30 +72,29 @@ def with_changes(settings: Settings, changes: Mapping[str, Any]) -> Settings:
 
 
 def reach_of(robot: Robot) -> float:
-    """Return the sum of the lengths of a robot's rows and tool, m; 1 where all are zero, as of a
-    gantry.
-    """
+    """Return the sum of the lengths of a robot's links and tool, m; 1 if all are zero."""
     rows = np.hypot(robot.a, robot.d)
     return float(rows.sum() + np.linalg.norm(robot.tool[:3, 3])) or 1.0
 
 
 def _slides(robot: Robot) -> FloatArray:
-    """Return the farthest place [N] of every prismatic joint, m; zero of the others."""
+    """Return the largest displacement [N] of every prismatic joint, m; zero for other joints."""
     low, high = robot.chain.limits.bounds("q")
     prismatic = np.array([kind == "prismatic" for kind in robot.chain.joint_types])
     return np.where(prismatic, np.maximum(np.abs(low), np.abs(high)), 0.0)
 
 
 def farthest_tool(robot: Robot) -> float:
-    """Return a distance from the base beyond which the tool's origin cannot be, m."""
+    """Return an upper bound on the distance of the tool's origin from the base, m."""
     return reach_of(robot) + float(_slides(robot).sum())
 
 
 def fastest_tool(robot: Robot) -> float:
-    """Return a speed of the tool's origin that all joints at their limits cannot exceed, m/s."""
+    """Return an upper bound on the speed of the tool's origin, m/s, with all joints at limits."""
     robot = robot.chain
     speeds = np.maximum(-robot.limits.qd_min, robot.limits.qd_max)
     prismatic = np.array([kind == "prismatic" for kind in robot.joint_types])
+    # A revolute joint moves the tool by at most its speed times the length of the links beyond it.
     rows = np.hypot(robot.a, np.abs(robot.d) + _slides(robot))
     beyond = np.append(np.cumsum(rows[:0:-1])[::-1], 0.0) + np.linalg.norm(robot.tool[:3, 3])
     levers = np.where(prismatic, 1.0, beyond)
@@ -103,16 +102,16 @@ def fastest_tool(robot: Robot) -> float:
 
 
 def length_text(value: float) -> str:
-    """Return a length in words for a sentence: millimetres below one metre."""
+    """Return a length for a sentence: in millimetres below one metre."""
     return f"{1e3 * value:.3g} mm" if value < 1.0 else f"{value:.4g} m"
 
 
 def check_limits(
     robot: Robot, limits: Limits | JointLimits | None, *, means: bool = False
 ) -> LimitFamily:
-    """Return the family of limits of a task; some of them must bound the motion of every joint.
+    """Return the limits of a task; raise InputError if they leave a joint's motion unbounded.
 
-    Limits of ``means`` over the whole motion are refused unless the planner keeps them.
+    ``means`` admits limits of means over the whole motion, for a planner that supports them.
     """
     family = LimitFamily.of(robot, limits)
     if not means:
@@ -128,16 +127,15 @@ def check_limits(
 
 
 def check_via(family: LimitFamily, via_q: ArrayLike, *, moving: bool = False) -> FloatArray:
-    """Return via points [m,n], m >= 2, within the limits of the pose, the first and last one
-    holdable.
+    """Return via points [m,n], m >= 2, rad (m), within the position limits and holdable at rest.
 
-    The first one only where the arm does not begin ``moving``.
+    Only the first and the last point must be holdable; with ``moving`` the first need not be.
 
     Raises
     ------
     InputError
         Wrong width, not finite, a point outside the position limits, two equal points in a row, a
-        pose of rest that gravity alone makes impossible, limits that make it last for days.
+        pose of rest that gravity makes impossible, or limits that make the motion last for days.
     """
     via = checks.array("via_q", via_q, (None, family.robot.joint_count), "rad")
     if via.shape[0] < 2:
@@ -175,9 +173,7 @@ def check_via(family: LimitFamily, via_q: ArrayLike, *, moving: bool = False) ->
 
 
 def too_near(number: int, apart: float, why: str) -> InputError:
-    """Return the error of a via point, numbered from 1, and the next one, by how far they are
-    apart.
-    """
+    """Return the error of two consecutive via points, the first numbered from 1, and its reason."""
     return InputError(
         f"via points {number} and {number + 1} are {apart:.2g} rad (m) apart in every joint or "
         f"less: {why}"
@@ -185,10 +181,10 @@ def too_near(number: int, apart: float, why: str) -> InputError:
 
 
 def check_pace(family: LimitFamily, places: FloatArray, at_rest: bool = True) -> None:
-    """Raise InputError where limits make joints take ages from one of places [m,n] to another.
+    """Raise InputError if limits make joints take too long between places [m,n], rad (m).
 
-    A limit of the torque rate makes them where torques hold the arm ``at_rest`` in the first and
-    the last place.
+    A limit of the torque rate counts if torques hold the arm ``at_rest`` in the first and the last
+    place.
     """
     robot = family.robot
     way = np.ptp(places, axis=0)
@@ -223,18 +219,15 @@ def check_pace(family: LimitFamily, places: FloatArray, at_rest: bool = True) ->
 
 @lru_cache(maxsize=64)
 def locked_joints(family: LimitFamily) -> np.ndarray:
-    """Return which joints [n] stand still: a limit of their velocity, acceleration or jerk is
-    zero.
-    """
+    """Return a mask [n] of joints whose velocity, acceleration or jerk is limited to zero."""
     bounds = [np.array(family.robot.limits.bounds(key)) for key in STATE[1:]]
     return np.any([(pair == 0.0).all(axis=0) for pair in bounds], axis=0)
 
 
 def with_locked_joints_held(family: LimitFamily, bounded: str | None = "qdd") -> LimitFamily:
-    """Return the same family, locked joints bounded in one way only: others would repeat the
-    equation.
+    """Return the limits with each locked joint bounded once; more bounds repeat the equation.
 
-    ``bounded`` is the quantity that stays zero; None where nothing could move these joints.
+    ``bounded`` is the quantity kept at zero; None if the program cannot move these joints anyway.
     """
     locked = locked_joints(family)
     if not locked.any():
@@ -248,13 +241,13 @@ def with_locked_joints_held(family: LimitFamily, bounded: str | None = "qdd") ->
     return LimitFamily.of(family.robot, family.robot.limits.changed(changes))
 
 
-def check_position(family: LimitFamily, what: str, q: FloatArray) -> None:
-    """Raise InputError where a pose is outside the limits of the pose."""
-    check_positions(family, lambda _: what, q[None])
+def check_position(family: LimitFamily, label: str, q: FloatArray) -> None:
+    """Raise InputError if a pose [n] violates the limits of position."""
+    check_positions(family, lambda _: label, q[None])
 
 
-def check_positions(family: LimitFamily, what: Callable[[int], str], q: FloatArray) -> None:
-    """Raise InputError where one of several poses [N,n] is outside the limits of the pose."""
+def check_positions(family: LimitFamily, label: Callable[[int], str], q: FloatArray) -> None:
+    """Raise InputError if one of several poses [N,n] violates the limits of position."""
     robot, keys = family.robot, family.of_order(0)
     for key, values in family.values(MotionSamples.at_rest(q), keys).items():
         member = family[key]
@@ -264,17 +257,15 @@ def check_positions(family: LimitFamily, what: Callable[[int], str], q: FloatArr
             if key == "q":
                 at, low, high = (robot.position_text(j, v) for v in values.entry(i, j))
                 raise InputError(
-                    f"{what(i)} is outside the position limits: joint {robot.joint_names[j]!r} at "
+                    f"{label(i)} is outside the position limits: joint {robot.joint_names[j]!r} at "
                     f"{at}, allowed {low} to {high}"
                     f"{checks.degrees_hint(q[i, j]) if robot.joint_types[j] == 'revolute' else ''}"
                 )
-            raise InputError(f"{what(i)} breaks a limit: {_broken(member, j, values.entry(i, j))}")
+            raise InputError(f"{label(i)} breaks a limit: {_broken(member, j, values.entry(i, j))}")
 
 
-def check_rest(family: LimitFamily, what: Callable[[int], str], q: FloatArray) -> None:
-    """Raise InputError where the arm cannot rest in one of several poses [N,n]: gravity asks for
-    more torque than a joint has.
-    """
+def check_rest(family: LimitFamily, label: Callable[[int], str], q: FloatArray) -> None:
+    """Raise InputError if gravity exceeds a joint's torque limit in one of several poses [N,n]."""
     for key, values in family.values(MotionSamples.at_rest(q), family.of_order(1, 2, 3)).items():
         member = family[key]
         if np.all((values.value >= values.lower) & (values.value <= values.upper)):
@@ -287,7 +278,7 @@ def check_rest(family: LimitFamily, what: Callable[[int], str], q: FloatArray) -
                     f"joint {member.labels[j]!r} needs {value:.6g} {member.units[j]} against "
                     f"gravity, allowed {low:.6g} to {high:.6g} {member.units[j]}"
                 )
-            raise InputError(f"{what(i)} cannot be held at rest: {reason}")
+            raise InputError(f"{label(i)} cannot be held at rest: {reason}")
 
 
 def _broken(member: Member, j: int, entry: tuple[float, ...]) -> str:
@@ -296,10 +287,10 @@ def _broken(member: Member, j: int, entry: tuple[float, ...]) -> str:
 
 
 def rate_switches(rate: FloatArray, member: Member) -> np.ndarray:
-    """Return intervals [N] inside which a limited jerk or torque rate [N,n] goes from one value on,
-    or to another one and back.
+    """Return a mask of intervals [N] in which a limited jerk or torque rate [N,n] switches.
 
-    Where it differs from both neighbours, together by more than a quarter of its range.
+    A rate switches in an interval if it differs from both neighbours there, and from both together
+    by more than a quarter of its range.
     """
     size = np.where(np.isfinite(member.upper), 0.5 * (member.upper - member.lower), np.inf)
     switches = np.zeros(len(rate), dtype=bool)
@@ -310,10 +301,9 @@ def rate_switches(rate: FloatArray, member: Member) -> np.ndarray:
 
 
 def torques_of(robot: Robot, keys: Sequence[str], payload: bool = False) -> Callable[..., Any]:
-    """Return torque and torque rate of q, qd, qdd and qddd (and the mass of a payload at the tool,
-    kg).
+    """Return a function of q, qd, qdd and qddd (and a payload's mass, kg): torque, torque rate.
 
-    The rate is None where no key asks for it.
+    The rate is None unless ``keys`` contain "taud".
     """
     make = torque_and_rate if "taud" in keys else inverse_dynamics
     torques = partial(_with_payload, make, robot) if payload else partial(make, robot)
@@ -326,7 +316,7 @@ def torques_of(robot: Robot, keys: Sequence[str], payload: bool = False) -> Call
 def _with_payload(make: Callable[[Robot], ca.Function], robot: Robot) -> ca.Function:
     """Return a function of a robot's torques with the mass of a payload as the last argument.
 
-    Torques are linear in it.
+    Torques are linear in the mass m: ``tau(m) = tau(0) + m (tau(1) - tau(0))``.
     """
     empty, holding_one = make(robot), make(robot.with_payload(1.0))
     state = [ca.SX.sym(empty.name_in(k), empty.size1_in(k)) for k in range(empty.n_in())]
@@ -338,9 +328,9 @@ def _with_payload(make: Callable[[Robot], ca.Function], robot: Robot) -> ca.Func
 
 
 def derivatives_for(*robots: Robot, compiled: bool = False) -> Callable[[ca.Function], Any]:
-    """Return what a transcription is told: the derivatives of those functions that have some.
+    """Return the lookup of known derivatives of a function, for a transcription.
 
-    They are ``compiled`` where the stages that call them are not.
+    ``compiled`` compiles them, for stages that are not compiled themselves.
     """
 
     def find(function: ca.Function) -> Any:
@@ -373,21 +363,23 @@ def declare_limits(
     held: Sequence[ca.MX] = (),
     torque_values: Mapping[str, ca.MX] | None = None,
 ) -> None:
-    """Declare limits of these keys as constraints of a phase.
+    """Declare the limits of some keys as constraints of a phase.
 
     Parameters
     ----------
     phase : Phase
     family : LimitFamily
     keys : sequence of str
-    state : q, qd, qdd and qddd as expressions [n]
+    state : tuple of MX
+        Expressions q, qd, qdd and qddd [n].
     reference : array [n]
-        A pose at which bounds that vary are of their usual size.
+        Pose for the scale of bounds that vary.
     torques : callable
-        Torque and torque rate of the state (and of ``held``).
-    held : further arguments of ``torques``
-    kept : mapping, optional
-        What is limited in the place of the torque and its rate, by key.
+        Torque and torque rate of the state and of ``held``.
+    held : sequence of MX
+        Further arguments of ``torques``.
+    torque_values : mapping, optional
+        Expressions that replace the torque and its rate, by key.
     """
     joint_values: dict[str, ca.MX] = {
         **dict(zip(STATE, state, strict=True)),
@@ -401,18 +393,19 @@ def declare_limits(
     expressions = family.expressions(
         [key for key in further if key not in alone], (*state, *held), payload
     )
-    for key in alone:  # a function of its own, whose derivatives it knows
+    for key in alone:  # a separate function keeps its own derivatives
         expressions |= family.expressions([key], state)
     usual = family.values(MotionSamples.at_rest(reference), further)
     for key in keys:
         member = family[key]
-        # what depends on positions alone changes as little as they between mesh points
+        # A limit of positions changes little between mesh points, so it needs no interior points.
         inner = member.order > 0
         declare = partial(phase.constraint, unit=member.units[0], interior_points=inner)
         if member.limit is None or not member.varies:
             value = joint_values[key] if member.limit is None else expressions[key][0]
             scale = finite_scale(member.lower, member.upper)
-            if member.limit is not None and member.limit.is_size:  # smooth at rest, too
+            # A norm has no slope at zero: |v| <= u is the smooth (v^2 / u + u) / 2 <= u.
+            if member.limit is not None and member.limit.is_size:
                 value = 0.5 * (value**2 / member.upper + member.upper)
             declare(member.name, value, member.lower, member.upper, scale=scale)
             continue
@@ -431,11 +424,11 @@ def declare_limits(
 
 
 def knows_derivatives(limit: Limit | None) -> bool:
-    """Return whether the expression of a limit has derivatives of its own."""
+    """Return True if the expression of a limit has its own derivatives."""
     return limit is not None and hasattr(limit.expression, "derivatives")
 
 
 def finite_scale(lower: FloatArray, upper: FloatArray) -> FloatArray:
-    """Return sizes [n] of limits, 1 where there is none."""
+    """Return magnitudes [n] of limits; 1 for a joint without a limit."""
     size = np.maximum(np.abs(lower), np.abs(upper))
     return np.where(np.isfinite(size) & (size > 0), size, 1.0)

@@ -1,8 +1,7 @@
-"""How a solve ends: the verdict, what a motion keeps of it, and what its multipliers say.
+"""Outcome of a solve: its verdict, its provenance, and the sensitivities from its multipliers.
 
-They say how the duration changes with each bound: one that gives way by d changes the cost by its
-multiplier times d (the envelope theorem). The cost is the duration but for what smooths it, which
-is a hundred-thousandth of it.
+By the envelope theorem a bound that is relaxed by d changes the optimal cost by its multiplier
+times d. The cost is the duration plus a smoothing term of about 1e-5 of it.
 """
 
 from __future__ import annotations
@@ -34,21 +33,21 @@ from microbot_ocp.ocp.transcription import TableEntry
 from microbot_ocp.robot import Robot, drive_advice
 
 KEYS = {quantity.name: key for key, quantity in JOINT_QUANTITIES.items()}
-DIGITS = 8  # significant ones: what is written with every motion
+DIGITS = 8  # significant digits of the numbers stored with every motion
 
 
 def one_remark(*remarks: str) -> str:
-    """Return remarks on a motion as one; empty ones say nothing."""
+    """Return remarks on a motion joined to one; empty ones are skipped."""
     return "; ".join(filter(None, remarks))
 
 
 def with_drives_noted(
     robot: Robot, motion: Motion, limits: Limits | JointLimits | None = None
 ) -> Motion:
-    """Return the motion, whose note and outcome say what of the drives nothing is known of.
+    """Return the motion with remarks on missing data of its drives in its note and outcome.
 
-    These are limits of torques without masses, and torques on light links that alone decide how
-    fast it begins. A motion that reads a table of a limit outside of its grid is not solved.
+    Data are missing for torque limits without masses, and for light links whose torques alone bound
+    the initial acceleration. A motion that leaves the grid of a table of limits is not solved.
     """
     family = LimitFamily.of(robot, limits)
     advice = drive_advice(family.robot, motion.qdd)
@@ -67,10 +66,10 @@ def with_drives_noted(
 def verdict(
     family: LimitFamily, solution: Solution, excess: Sequence[FloatArray], limit_tolerance: float
 ) -> Outcome:
-    """Return the status and advice of a motion, by the excess of its limits between mesh points.
+    """Return the status and advice of a motion, from the excess of its limits between mesh points.
 
-    A solver that converged on the mesh points is not believed where limits are exceeded in between
-    by more than was asked for.
+    A solver that converged on the mesh points is overruled if limits are exceeded in between by
+    more than ``limit_tolerance``.
     """
     worst = largest(excess)
     if deadline.over() and solution.status is not Status.INTERRUPTED:
@@ -92,7 +91,7 @@ def verdict(
 
 
 def largest(excess: Sequence[FloatArray]) -> float:
-    """Return the largest excess of all phases, relative to its limit."""
+    """Return the largest relative excess of all phases."""
     return max(float(e.max()) for e in excess)
 
 
@@ -108,31 +107,34 @@ def place_in_task(
     at: float | None,
     phases: Sequence[str],
 ) -> str:
-    """Name a row of a program by via points, joints and limits.
+    """Return the name of a program's row in terms of via points, joints and limits.
 
     Parameters
     ----------
     family : LimitFamily
-    kind, name, component, phase : as in the label of the row
-    at : s, since the start of its phase; None leaves it out
-    phases : names of all phases
+    kind, name, component, phase : str, str, int, str
+        Fields of the row's label.
+    at : float or None
+        Time since the start of the phase, s; None omits it.
+    phases : sequence of str
+        Names of all phases.
     """
     members = {member.name: member for member in family}
     if name in members:
-        what = members[name].title(component)
+        subject = members[name].title(component)
     elif name in _QUANTITIES:
-        what = f"{_QUANTITIES[name]} of {family.robot.joint_names[component]}"
+        subject = f"{_QUANTITIES[name]} of {family.robot.joint_names[component]}"
     else:
-        what = name
+        subject = name
     number = phases.index(phase) + 1
     if kind in ("initial", "final"):
-        return f"{what} at via point {number + (kind == 'final')}"
+        return f"{subject} at via point {number + (kind == 'final')}"
     where = f"between via points {number} and {number + 1}"
-    return f"{what} {where}" + ("" if at is None else f", {at:.4g} s after the first of them")
+    return f"{subject} {where}" + ("" if at is None else f", {at:.4g} s after the first of them")
 
 
 def limits_digest(limits: JointLimits) -> str:
-    """Return a digest of limits, of the joints and others: 12 digits."""
+    """Return a digest of joint limits and further limits, 12 hexadecimal digits."""
     return digest_of(joints=limits.as_dict(), also=limits.also)[:12]
 
 
@@ -145,12 +147,12 @@ def provenance_of(
     smoothing: float,
     **more: Any,
 ) -> dict[str, Any]:
-    """Return how a motion was made: what every time-optimal motion says, and ``more``."""
+    """Return the provenance of a time-optimal motion, with further entries ``more``."""
     return {
         "method": method,
         "excess": excess,
         "solver": solution.attempts[-1].solver,
-        "gap": solution.gap.total,  # s: from the local optimum of the smoothed task, at most
+        "gap": solution.gap.total,  # bound on the distance to the smoothed task's local optimum, s
         "intervals": [phase.mesh.size - 1 for phase in solution.phases],
         "phase_durations": [phase.duration for phase in solution.phases],
         "multipliers": multipliers_of(solution, family),
@@ -163,19 +165,19 @@ def provenance_of(
 
 
 def multipliers_of(solution: Solution, family: LimitFamily) -> dict[str, Any] | None:
-    """Return slopes of the duration of a motion by the limits of a family, as plain values.
+    """Return slopes of the duration by the limits of a family, as plain values.
 
-    Distances that a search adds to them, other ones in every segment, have none.
+    Distances that a search adds have no slopes, as they differ between segments.
 
     Returns
     -------
     dict or None
-        "lower" and "upper" have s per unit of each bound by the key of its limit, "via" [m][n]
-        s/rad (s/m) of the via points. "rows" has by key the times "t", s, and what the duration
-        gains "slopes" [K][k] for each unit that the quantity is larger there. "beside" is what a
-        datum may change beside the duration, s: the smoothing of the squared jerk, by the fifth
-        power of a time that scales, and what the solver left. None where the solver gave no
-        multipliers, and of a solution without a program.
+        "lower" and "upper" have the slope, s per unit of each bound, by the key of its limit;
+        "via" [m][n] the slopes of the via points, s/rad (s/m). "rows" has by key the times "t", s,
+        and the "slopes" [K][k], s per unit by which the quantity is larger at that time. "beside"
+        bounds the error of a slope times a change of data, s: the smoothing of the squared jerk,
+        which scales with the fifth power of time, and the solver's remaining gap. None without
+        multipliers or without a program.
     """
     if solution.variable_multipliers is None or any(p.layout is None for p in solution.phases):
         return None
@@ -185,7 +187,8 @@ def multipliers_of(solution: Solution, family: LimitFamily) -> dict[str, Any] | 
     start = 0.0
     for number, phase in enumerate(solution.phases):
         for entry, times, multipliers in _bounds(solution, phase):
-            name, _, side = entry.name.partition(", ")  # "tool speed, upper limit": one that varies
+            # A limit whose bounds vary is named by its side, such as "tool speed, upper limit".
+            name, _, side = entry.name.partition(", ")
             key = KEYS.get(name, name.replace(" ", "_"))
             slopes = (-1.0 if side.startswith("lower") else 1.0) * multipliers / entry.scale
             if entry.kind in ("initial", "final"):
@@ -198,7 +201,7 @@ def multipliers_of(solution: Solution, family: LimitFamily) -> dict[str, Any] | 
             for side, sign in (("lower", -1.0), ("upper", 1.0)):
                 amounts = sides[side].setdefault(key, np.zeros(entry.size))
                 amounts[entry.component] -= slopes[sign * slopes > 0].sum()
-            if key in MotionSamples._fields:  # no slopes over time are given for these
+            if key in MotionSamples._fields:  # bounds of joints have a total slope alone
                 continue
             for t, slope in zip((start + times).tolist(), slopes, strict=True):
                 rows[key].setdefault(t, np.zeros(entry.size))[entry.component] += slope
@@ -219,7 +222,7 @@ def multipliers_of(solution: Solution, family: LimitFamily) -> dict[str, Any] | 
 def _bounds(
     solution: Solution, phase: PhaseSolution
 ) -> Iterator[tuple[TableEntry, FloatArray, FloatArray]]:
-    """Yield every bounded row and variable of a phase, with times [M], s, and multipliers [M]."""
+    """Yield the bounded rows and variables of a phase, with times [M], s, and multipliers [M]."""
     layout = phase.layout
     assert layout is not None
     assert solution.variable_multipliers is not None
@@ -241,7 +244,7 @@ def _bounds(
 
 
 def _plain(values: Any) -> Any:
-    """Return nested lists of numbers with so many digits as they are known to."""
+    """Return numbers as nested lists, rounded to ``DIGITS`` significant digits."""
     if isinstance(values, dict):
         return {key: _plain(entry) for key, entry in values.items()}
     if values.ndim > 1:

@@ -1,10 +1,10 @@
-"""Dry friction where a joint turns back: both of its torques are kept within the limits.
+"""Dry friction at reversals of a joint: both of its torques are kept within the limits.
 
-There the torque jumps by twice the friction within milliseconds, unseen between two points of a
-mesh. So near a reversal, where the velocity is less than the joint gains until the next point at
-which limits are looked at, the limits hold with the friction of both directions. That window
-shrinks with the mesh, and with it what the caution costs. Its edges are smooth, for the sake of
-Newton's method, and let a part of the friction pass; the certificate sees to the rest.
+At a reversal the torque jumps by twice the friction within milliseconds, unseen between two mesh
+points. Near a reversal the limits therefore hold with the friction of both directions. Near means:
+the velocity is below the joint's change of velocity until the next check of limits. This window,
+and the cost of the caution, shrink with the mesh. Its edges are smooth for Newton's method, so that
+a part of the friction is missed; the certificate checks the exact torque.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ from microbot_ocp.ocp import Phase, PhaseSolution, Solution
 from microbot_ocp.ocp.transcription import Guess, Meshes, Transcription, mesh_of
 from microbot_ocp.robot import COULOMB_SMOOTHING, Robot
 
-WINDOW, SMOOTHING = "friction window", "friction smoothing"  # parameters of a phase
+WINDOW, SMOOTHING = "friction window", "friction smoothing"  # names of phase parameters
 
 
 @dataclass(frozen=True)
 class FrictionWindows:
-    """Settings of the windows in which dry friction turns over.
+    """Settings of the windows around reversals with dry friction.
 
     Attributes
     ----------
-    reach : of a window, as a share of the interval
-    spread : of the reach by which the jump is smoothed over: Newton's method needs it
-    most : share of a torque limit that friction may take for its limits to be drawn in
-    rounded : of the typical velocity: smoothing on coarse meshes
+    reach : width of a window, share of the interval
+    spread : width of the smooth edge, share of the reach
+    most : dry friction up to which limits are tightened, share of a torque limit
+    rounded : smoothing on coarse meshes, share of the typical velocity
     """
 
     reach: float = 0.3
@@ -48,41 +48,41 @@ class FrictionWindows:
 FRICTION_WINDOWS = FrictionWindows()
 
 LEAST_REACH = 0.1 * COULOMB_SMOOTHING  # rad/s
-MOVES = 2.0 * COULOMB_SMOOTHING  # change of a velocity within an interval that is a reversal
+LEAST_REVERSAL = 2.0 * COULOMB_SMOOTHING  # smallest change of velocity of a reversal, rad/s
 
 
-VISCOUS, DRY = "viscous_friction", "coulomb_friction"  # of a link
+VISCOUS, DRY = "viscous_friction", "coulomb_friction"  # fields of a link
 
 
 def friction(robot: Robot, kind: str) -> FloatArray:
-    """Return sizes [n] of one kind of friction, SI; zero without masses."""
+    """Return the coefficients [n] of one kind of friction, SI; zero without masses."""
     return robot.friction_of(kind)
 
 
 def dry_friction(robot: Robot) -> FloatArray:
-    """Return sizes [n] of dry friction, N m (N); zero without masses."""
+    """Return the dry friction [n] of the joints, N m (N); zero without masses."""
     return friction(robot, DRY)
 
 
 def has_windows(family: LimitFamily) -> bool:
-    """Return whether torques of joints with dry friction are limited."""
+    """Return True if torques or torque rates of joints with dry friction are limited."""
     return bool(dry_friction(family.robot).any()) and bool({"tau", "taud"} & set(family.keys))
 
 
 @lru_cache(maxsize=64)
 def frictionless(robot: Robot, kinds: tuple[str, ...] = (VISCOUS, DRY)) -> Robot:
-    """Return the same robot, its joints without friction of these kinds."""
+    """Return the robot with joints without these kinds of friction."""
     if not any(friction(robot, kind).any() for kind in kinds):
         return robot
     return robot.with_links([replace(link, **dict.fromkeys(kinds, 0.0)) for link in robot.links])
 
 
 def without_dry_friction(robot: Robot) -> Robot:
-    """Return the same robot, its joints without dry friction."""
+    """Return the robot with joints without dry friction."""
     return frictionless(robot, (DRY,))
 
 
-def kept_torques(
+def windowed_torques(
     phase: Phase,
     robot: Robot,
     state: Sequence[ca.MX],
@@ -91,23 +91,28 @@ def kept_torques(
 ) -> tuple[dict[str, ca.MX], ca.MX]:
     """Return the torque and torque rate to be limited, by key, and the torque itself.
 
-    With friction within the window, limits L about a middle M are kept in the form
-    ``M + (tau - M) / (1 - half / L)``, where ``tau`` is the mean of the two torques there and
-    ``half`` half of their difference.
+    In the window, limits L about a middle M apply to ``M + (tau - M) / (1 - half / L)``: ``tau`` is
+    the mean of the torques of both directions, ``half`` half of their difference. This keeps both
+    within L, with constant bounds.
 
     Parameters
     ----------
     phase : Phase
-        Gets the parameters that say how wide the window is.
+        Phase that receives the parameters of the window.
     robot : Robot
-    state : q, qd, qdd and qddd as expressions [n]
+    state : sequence of MX
+        Expressions q, qd, qdd and qddd [n].
     torques : callable
-        Torque and torque rate without dry friction, of the state (and of ``held``).
-    held : further arguments of ``torques``
+        Torque and torque rate without dry friction, of the state and of ``held``.
+    held : sequence of MX
+        Further arguments of ``torques``.
     """
     size = dry_friction(robot)
     _, qd, qdd, _ = state
     window, smoothing = phase.parameter(WINDOW, 0.0), phase.parameter(SMOOTHING, COULOMB_SMOOTHING)
+    # The joint changes its velocity by |qdd| * window * duration until the next check of limits.
+    # The root keeps a slope at qdd = 0. Outside of the window ahead = behind = sign(qd); inside
+    # ahead = 1 and behind = -1, so that half is the friction and the mean torque is free of it.
     near = ca.sqrt((qdd * window * phase.duration) ** 2 + LEAST_REACH**2)
     width = smoothing + FRICTION_WINDOWS.spread * near
     far = (1.0 + FRICTION_WINDOWS.spread**2) * near
@@ -131,19 +136,17 @@ def kept_torques(
 
 
 def reversals(velocity: FloatArray, joints: np.ndarray) -> np.ndarray:
-    """Return intervals [N] inside which one of these joints turns back, starts or stops.
+    """Return a mask of intervals [N] in which a given joint reverses, starts or stops.
 
-    From velocities [N+1,n].
+    ``velocity`` [N+1,n] holds values at mesh points.
     """
     speeds = velocity[:, joints]
-    turns = (speeds[:-1] * speeds[1:] <= 0.0) & (np.abs(np.diff(speeds, axis=0)) > MOVES)
+    turns = (speeds[:-1] * speeds[1:] <= 0.0) & (np.abs(np.diff(speeds, axis=0)) > LEAST_REVERSAL)
     return np.any(turns, axis=1)
 
 
 def rates_at_reversals(family: LimitFamily, solution: Solution) -> tuple[Advice, ...]:
-    """Return advice on joints whose torque rate is limited where dry friction lets the torque
-    jump.
-    """
+    """Return advice on joints with a torque rate limit at reversals with dry friction."""
     if "taud" not in family:
         return ()
     robot: Robot = family.robot
@@ -171,14 +174,17 @@ def with_windows(
     meshes: Meshes,
     start: Mapping[str, Guess] | Solution,
 ) -> Transcription:
-    """Return kernels whose windows fit those intervals of a mesh inside which joints turn back.
+    """Return kernels with windows that fit the intervals in which joints reverse.
 
     Parameters
     ----------
-    joints : which joints [n] have dry friction
+    joints : array of bool [n]
+        Mask of the joints with dry friction.
     transcription : Transcription
-    meshes : of all phases
-    start : from where the solve starts
+    meshes : Meshes
+        Meshes of all phases.
+    start : mapping or Solution
+        Start of the solve.
     """
     names = [phase.name for phase in transcription.problem.phases]
     given = list(meshes) if isinstance(meshes, Sized) else [meshes] * len(names)
@@ -210,9 +216,7 @@ def _window_of(phase: PhaseSolution) -> float:
 
 
 def rounded(transcription: Transcription, velocity: FloatArray) -> Transcription:
-    """Return kernels with friction rounded off as coarse meshes need it, for typical velocities
-    [n].
-    """
+    """Return kernels with friction rounded off for coarse meshes, by typical velocities [n]."""
     smoothing = max(COULOMB_SMOOTHING, FRICTION_WINDOWS.rounded * float(velocity.min()))
     names = [phase.name for phase in transcription.problem.phases]
     return transcription.with_parameters({name: {SMOOTHING: smoothing} for name in names})

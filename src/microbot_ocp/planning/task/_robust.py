@@ -1,9 +1,13 @@
-"""Limits that hold for every arm of a box: its masses, its frictions, its payload.
+"""Limits that hold for every arm of a box of masses, frictions and payloads.
 
 Inverse dynamics is affine in the masses of the links (each with its inertia and armature), in the
-frictions and in a point mass at the tool. So over a box of such factors, each link by itself, a
-torque is largest at a corner, and there it is that of the middle plus the sum of the sizes of what
-each factor adds: no corner is left out, and none has to be listed.
+friction coefficients and in a point mass at the tool. Over a box of such parameters, each varied
+independently, a torque is extreme at a corner, where it equals
+
+    tau_middle +- sum_k |delta_k|,
+
+with the change delta_k by the half width of each parameter. The formula covers every corner without
+listing them.
 """
 
 from __future__ import annotations
@@ -20,14 +24,16 @@ from microbot_ocp.limits import JointLimits, Limit, Limits
 from microbot_ocp.planning.task._friction import frictionless
 from microbot_ocp.robot import Robot, inverse_dynamics
 
-ROUNDED = 1e-3  # of the torque limits: sizes are by less than that too large, and have no kink
+# Smoothing of |delta|, share of the torque limits: sqrt(delta^2 + (ROUNDED limit)^2) has no kink,
+# and exceeds |delta| by less than that.
+ROUNDED = 1e-3
 
 
 @dataclass(frozen=True)
 class _Extreme:
-    """The largest (1) or least (-1) torque of any arm of a box, as an expression of the state.
+    """Largest (sign 1) or least (sign -1) torque of all arms of a box, an expression.
 
-    The middle is the torque of the state: that of what the arm carries by then, too.
+    The middle of the box is the torque of the state, which includes the current payload.
     """
 
     robot: Robot
@@ -59,7 +65,7 @@ class _Extreme:
 
 
 def _link_alone(robot: Robot, number: int) -> Robot:
-    """Return the robot with the mass of one link only."""
+    """Return the robot with the mass of one link alone."""
     nothing = {"mass": 0.0, "inertia": np.zeros((3, 3)), "armature": 0.0, "rotor": None}
     alone = [
         replace(link, **({} if k == number else nothing)) for k, link in enumerate(robot.links)
@@ -71,9 +77,7 @@ def _link_alone(robot: Robot, number: int) -> Robot:
 def checked_box(
     robot: Robot, mass: float, friction: float, payload: tuple[float, float]
 ) -> tuple[float, float]:
-    """Return the least and the largest payload, kg, of a box of arms whose figures are all
-    right.
-    """
+    """Return the least and the largest payload of a box, kg, after a check of all its numbers."""
     if not robot.has_dynamics:
         raise InputError(f"robot {robot.name!r} has no masses that could differ")
     for name, share in (("mass", mass), ("friction", friction)):
@@ -92,22 +96,22 @@ def robust_limits(
     friction: float = 0.0,
     payload: tuple[float, float] = (0.0, 0.0),
 ) -> JointLimits:
-    """Return limits under which a motion keeps the torques of every arm of a box.
+    """Return limits that keep the torques of every arm of a box within their bounds.
 
-    To be planned and certified with: two further limits bound the largest and the least torque that
-    any arm of the box needs for the motion. Limits of the torque rate hold for the model alone.
+    Two further limits bound the largest and the least torque of all arms of the box; plan and
+    certify with them. Limits of the torque rate hold for the model alone.
 
     Parameters
     ----------
     robot : Robot
-        With masses and limits of torques.
+        Robot with masses and torque limits.
     limits : Limits, optional
-        Default the robot's own.
+        Default: the robot's own.
     mass : float
-        Share by which the mass of every link, with its inertia and its armature, may be off, each
-        by itself.
+        Largest relative error of every link's mass, with its inertia and armature; links vary
+        independently.
     friction : float
-        Share by which viscous and Coulomb friction of every joint may be off.
+        Largest relative error of viscous and Coulomb friction of every joint.
     payload : (float, float)
         Least and largest point mass at the tool, kg.
 
@@ -119,8 +123,8 @@ def robust_limits(
     Raises
     ------
     InputError
-        Shares outside of 0 to 1, a payload below 0 or in the wrong order, a robot without masses or
-        without limits of torques.
+        Shares outside of 0 to 1, a payload below 0 or in the wrong order, or a robot without masses
+        or torque limits.
 
     Examples
     --------

@@ -1,7 +1,7 @@
-"""Sizes that follow from a task: how long its segments take, and how hard its joints accelerate.
+"""Typical magnitudes of a task: durations of its segments and accelerations of its joints.
 
-Solvers compare everything with one, so a task of microradians and one of metres each need units of
-their own. Sizes within a factor of ten of the usual ones are left alone.
+Solvers use absolute tolerances, so a task of microradians and one of metres need units of their
+own. Magnitudes within a factor of ten of one keep the unit one.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from microbot_ocp.robot import inverse_dynamics
 
 @dataclass(frozen=True)
 class TypicalSettings:
-    """Settings of the typical sizes of a task.
+    """Settings of the typical magnitudes of a task.
 
     Attributes
     ----------
-    speed : rad/s (m/s) of joints that nothing bounds directly
-    acceleration : rad/s^2 (m/s^2), ten times what is typical
-    poses : along every segment, at which inertias are looked at
-    longest : times the sum of the typical durations: no segment takes longer
-    shortest : of the time at the highest speed that a joint might reach
+    speed : speed of joints without direct bounds, rad/s (m/s)
+    acceleration : ten times the typical acceleration, rad/s^2 (m/s^2)
+    poses : number of poses along every segment for the inertia
+    longest : factor on the sum of the typical durations that bounds a duration from above
+    shortest : factor on the time at the highest speed that bounds a duration from below
     least_rise : share of the duration in which a highest velocity may always be reached
-    at_bound : relative distance at which a duration stands on a bound
+    at_bound : relative distance from a bound below which a duration counts as at the bound
     """
 
     speed: float = 2.0
@@ -44,30 +44,30 @@ class TypicalSettings:
 
 TYPICAL = TypicalSettings()
 
-# The smoothing of the jerk lets a velocity v be reached in so many times sqrt(v / jerk): the time
-# (36 weight v^2 / jerk^2)^(1/4) costs least, of an acceleration that falls evenly to zero
+# The cost weight * jerk^2 makes the cheapest rise to a velocity v last SMOOTHED_RISE * sqrt(v /
+# jerk): the time (36 weight v^2 / jerk^2)^(1/4) of an acceleration that falls linearly to zero.
 SMOOTHED_RISE = (36 * 1e-6) ** 0.25
 
 
 @dataclass(frozen=True, eq=False)
 class TaskScale:
-    """Sizes of a motion through via points [m,n].
+    """Typical magnitudes of a motion through via points [m,n].
 
     Attributes
     ----------
     durations : array [m-1]
-        Typical durations of the segments, s: from rest to rest, the slowest joint alone.
+        Typical durations of the segments from rest to rest, s: those of the slowest joint alone.
     shortest, longest : array [m-1]
-        Bounds of the durations for the solver, s, far from what is expected.
+        Bounds of the durations for the solver, s, far from expected values.
     time : float
         Unit of time, s: a power of ten, 1 for ordinary tasks.
     position : float
-        Unit of the positions, rad (m): a power of ten, 1 for ordinary ways. In a larger one the
-        tolerance of the solvers would be a large part of the way.
+        Unit of the positions, rad (m): a power of ten, 1 for ordinary distances. In a larger unit
+        the tolerance of the solvers would be a large part of the motion.
     velocity, acceleration : array [n]
-        Units for joints without such limits.
+        Units for joints without limits of velocity and acceleration.
     jerk : array [n]
-        What the smoothing of the jerk is relative to.
+        Unit of the jerk in the smoothing cost.
     """
 
     durations: FloatArray
@@ -83,15 +83,20 @@ class TaskScale:
     def of(
         cls, family: LimitFamily, via: FloatArray, velocities: FloatArray | None = None
     ) -> TaskScale:
-        """Return sizes of a task from its limits; motions joint by joint, without gravity.
+        """Return the magnitudes of a task from its limits, for joints alone, without gravity.
 
-        With ``velocities`` [m,n] at the via points; by default it rests there.
+        ``velocities`` [m,n] are given at the via points; by default the arm rests there.
         """
         limits = family.robot.limits
         apart = steps = np.abs(np.diff(via, axis=0))
         speed = _larger(limits.bounds("qd"))
         share = np.linspace(0.0, 1.0, TYPICAL.poses)[:, None, None]
-        accelerated, jerk_limit, holding = _alone(family, via[:-1] + share * np.diff(via, axis=0))
+        accelerated, jerk_limit, holding = _single_joint_bounds(
+            family, via[:-1] + share * np.diff(via, axis=0)
+        )
+        # A joint alone needs from rest to rest over a distance d: 2 sqrt(d / a) under an
+        # acceleration a (bang-bang), (32 d / j)^(1/3) under a jerk j, 1.5 d / v under a velocity v
+        # (cubic).
         with np.errstate(divide="ignore", invalid="ignore"):
             alone, given = 2.0 * np.sqrt(steps / accelerated), 0.0
             if velocities is not None and velocities.any():
@@ -121,11 +126,12 @@ class TaskScale:
         unit = TYPICAL.acceleration * _power(acceleration)
         limited = _larger(limits.bounds("qdd"))
         hardest = np.where(np.isfinite(limited), limited, unit)
-        if time != 1.0:  # slow motions may start and stop as hard as others
+        if time != 1.0:  # a slow motion may still start and stop at full acceleration
             possible = np.where(np.isfinite(accelerated), accelerated, 0.0)
             hardest = np.maximum(hardest, TYPICAL.acceleration * _power(possible))
         jerk = 10.0 * hardest / time
-        # Where a velocity is reached sooner than the smoothing lets it, that must not cost much.
+        # A velocity may be reachable faster than the smoothing allows; a larger unit of the jerk
+        # keeps the cost of that low.
         with np.errstate(divide="ignore", invalid="ignore"):
             rise = np.maximum(
                 np.nan_to_num(highest / accelerated), TYPICAL.least_rise * durations.sum()
@@ -143,7 +149,7 @@ class TaskScale:
         )
 
     def active_bounds(self, durations: Sequence[float]) -> tuple[Advice, ...]:
-        """Return advice on the segments whose durations [m-1] stand on a bound."""
+        """Return advice on segments whose durations [m-1] are at a bound."""
         rows, why = [], "a bound of the search, which no limit asks for"
         for k, duration in enumerate(durations):
             between = f"between via points {k + 1} and {k + 2}"
@@ -160,14 +166,16 @@ class TaskScale:
 def _in_motion(
     ways: FloatArray, velocities: FloatArray, acceleration: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return what joints alone sweep [m-1,n], at least half of it, and how long they take, s.
+    """Return the distances [m-1,n] that joints alone travel, and their durations, s.
 
-    They go ``ways`` [m-1,n] between given velocities [m,n] as fast as an acceleration [n] lets
-    them: with one sign first, then with the other.
+    Joints move by ``ways`` [m-1,n] between velocities [m,n] at a constant acceleration [n], with
+    one sign first and the opposite sign after it. A distance counts at least half of that at the
+    peak velocity.
     """
     start, end = velocities[:-1], velocities[1:]
     squares = 0.5 * (start**2 + end**2)
-    direct = 0.5 * (start + end) * np.abs(end - start) / acceleration  # with one sign alone
+    # Distance of the motion with an acceleration of one sign.
+    direct = 0.5 * (start + end) * np.abs(end - start) / acceleration
     sign = np.where(ways >= direct, 1.0, -1.0)
     peak = np.sqrt(np.maximum(sign * acceleration * ways + squares, 0.0))
     lasts = (2.0 * peak - sign * (start + end)) / acceleration
@@ -175,9 +183,10 @@ def _in_motion(
 
 
 def _stretch(family: LimitFamily, via: FloatArray, durations: FloatArray) -> float:
-    """Return how many times as long straight motions last within ten times the further limits.
+    """Return the factor on durations within which straight motions exceed further limits tenfold.
 
-    A power of ten; limits that bind an arm at rest, too, are none of its pace.
+    The factor is a power of ten. Limits that already bind an arm at rest do not count: no duration
+    helps.
     """
     keys = [member.key for member in family if member.limit is not None and member.order > 0]
     if not keys:
@@ -187,7 +196,7 @@ def _stretch(family: LimitFamily, via: FloatArray, durations: FloatArray) -> flo
     slopes = (30 * s**2 * (1 - s) ** 2, 60 * s * (1 - s) * (1 - 2 * s), 60 * (1 - 6 * s * (1 - s)))
 
     def most(stretch: float) -> FloatArray:
-        """Return the share [k] used of each limit."""
+        """Return the largest use [k] of each limit, 1 at the limit."""
         spans = (stretch * durations)[:, None]
         moving = [slope * ways / spans**order for order, slope in enumerate(slopes, 1)]
         samples = (part.reshape(-1, via.shape[1]) for part in (q, *moving))
@@ -201,20 +210,20 @@ def _stretch(family: LimitFamily, via: FloatArray, durations: FloatArray) -> flo
 
 
 def _larger(bounds: tuple[FloatArray, FloatArray]) -> FloatArray:
-    """Return sizes [n] of limits; infinite for joints that are held, which need no time."""
+    """Return the magnitudes [n] of limits; infinite for locked joints, which need no time."""
     size = np.maximum(-bounds[0], bounds[1])
     return np.where(size > 0, size, np.inf)
 
 
-def rates_alone(family: LimitFamily, q: FloatArray) -> tuple[FloatArray, dict[str, Any]]:
-    """Return what limits of jerk and torque rate leave to joints alone, from rest to rest along q
-    [N,n].
+def single_joint_rates(family: LimitFamily, q: FloatArray) -> tuple[FloatArray, dict[str, Any]]:
+    """Return the jerk [n] that limits allow to joints alone, and limits that follow from it.
 
-    The jerk [n], infinite where nothing limits it, and the velocities and accelerations that are
-    reached so, as limits of the joints where theirs are no tighter.
+    Over the distances along q [N,n], from rest to rest, a jerk bounds velocities and accelerations:
+    for a duration T = (32 d / j)^(1/3) they reach j T^2 / 16 and j T / 4. The changes hold these
+    bounds if they are tighter than the robot's. The jerk is infinite without such limits.
     """
     ways = np.abs(np.diff(q, axis=0)).sum(axis=0)
-    _, jerk, _ = _alone(family, q[:, None])
+    _, jerk, _ = _single_joint_bounds(family, q[:, None])
     with np.errstate(invalid="ignore"):
         lasts = np.cbrt(32.0 * ways / jerk)
         most = {"qd": jerk * lasts**2 / 16.0, "qdd": jerk * lasts / 4.0}
@@ -227,12 +236,13 @@ def rates_alone(family: LimitFamily, q: FloatArray) -> tuple[FloatArray, dict[st
     return jerk, changes
 
 
-def _alone(family: LimitFamily, poses: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return what limits leave to one joint at a time, whose inertia is the middle one of poses
-    [K,m,n].
+def _single_joint_bounds(
+    family: LimitFamily, poses: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the accelerations [n] and jerks [n] allowed to single joints, and times [m,n], s.
 
-    The largest acceleration [n] and jerk [n], infinite without a limit, and how long [m,n] its
-    torque rate takes through the torques that hold the arm in K poses, s.
+    The inertia is the median over poses [K,m,n]; without a limit the values are infinite. The times
+    are those in which a limited torque rate follows the holding torque over the K poses.
     """
     robot, count = family.robot, family.robot.joint_count
     acceleration, jerk, torque, rate = (
@@ -251,7 +261,7 @@ def _alone(family: LimitFamily, poses: FloatArray) -> tuple[FloatArray, FloatArr
         inertia[joint] = (np.array(function(q, still, unit)) - held)[joint]
     change = np.abs(np.diff(held.T.reshape(poses.shape), axis=0)).sum(axis=0)
     with np.errstate(divide="ignore"):
-        # numpy.median loads numpy.ma, which takes 50 ms
+        # numpy.median imports numpy.ma, which takes 50 ms.
         ordered = np.sort(inertia, axis=1)
         middle = 0.5 * (ordered[:, (q.shape[1] - 1) // 2] + ordered[:, q.shape[1] // 2])
         middle = np.maximum(middle, 0.0)
@@ -260,7 +270,7 @@ def _alone(family: LimitFamily, poses: FloatArray) -> tuple[FloatArray, FloatArr
 
 
 def _power(size: FloatArray) -> FloatArray:
-    """Return powers of ten; one where a size is within a factor of ten of it, or unknown."""
+    """Return powers of ten; one for magnitudes of 0.1 to 10, and for zero or infinite ones."""
     usable = np.isfinite(size) & (size > 0)
     size = np.where(usable, size, 1.0)
     return np.where((size >= 0.1) & (size <= 10.0), 1.0, 10.0 ** np.round(np.log10(size)))

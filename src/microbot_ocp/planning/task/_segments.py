@@ -1,10 +1,10 @@
-"""Ways from one stop to the next: straight and round tool paths, straight joint paths, corners.
+"""Segments between stops: tool lines, tool circles, joint lines, blended corners.
 
-What a segment asks for is a member of the family of limits that holds on it alone: the distance of
-the tool from its curve, and the angle to the orientation that belongs to the place on it. So the
-solver, the certificate, figures and tables treat it as they treat a torque. A norm has no slope at
-zero, and solvers are slow with it: a tube is a prism of eight sides whose edges are a tolerance
-away from the curve, and an angle is kept by its parts about three axes.
+A segment adds limits that hold on it alone: the distance of the tool from its curve, and the angle
+to the orientation at the nearest place of the curve. Solver, certificate, figures and tables treat
+them like torque limits. A norm has no derivative at zero, which slows solvers down. Therefore a
+tube is an octagonal prism with edges at the tolerance from the curve, and an angle is bounded by
+its components about three axes.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.limits import Limit
 
-DIRECTIONS = np.array([0.0, 0.25, 0.5, 0.75]) * np.pi  # across a tube
-SIDE = float(np.cos(np.pi / 8))  # of a tolerance: distance of the eight sides
+DIRECTIONS = np.array([0.0, 0.25, 0.5, 0.75]) * np.pi  # normals of the octagon's sides, rad
+SIDE = float(np.cos(np.pi / 8))  # distance of the octagon's sides, per radius of its corners
 
 
 @dataclass(frozen=True)
 class SegmentSettings:
-    """Largest values of segments.
+    """Bounds of the parameters of segments.
 
     Attributes
     ----------
-    largest_turn : rad, of a tolerance of the orientation
-    most_turns : of one circle
-    largest_arc : rad: beside more of a circle a place on it is not unique
+    largest_turn : largest tolerance of an orientation, rad
+    most_turns : largest number of full turns of one circle
+    largest_arc : largest angle of an arc with a unique nearest place, rad
     """
 
     largest_turn: float = 1.0
@@ -46,22 +46,22 @@ Numbers = tuple[float, ...]
 
 @dataclass(frozen=True)
 class Line:
-    """The tool goes straight from one stop to the next, its orientation about a fixed axis.
+    """Straight line of the tool from one stop to the next, with a turn about a fixed axis.
 
-    The orientation is held where both stops have one (a joint pose has, of an arm with six joints
-    or more); a turn that a stop leaves free is free on the way, too.
+    The orientation is kept if both stops have one; a joint pose has one if the arm has at least six
+    joints. A turn that a stop leaves free is free on the line, too.
 
     Parameters
     ----------
     tolerance : float
-        Radius of the tube in which the tool's origin stays, m; at most a tenth of the reach.
+        Radius of the tube around the line for the tool's origin, m; at most a tenth of the reach.
     orientation_tolerance : float
-        Largest angle to the orientation that belongs to the place on the line, rad.
+        Largest angle to the orientation at the nearest place of the line, rad.
 
     Raises
     ------
     InputError
-        A tolerance that is not above zero.
+        A tolerance is not above zero.
     """
 
     tolerance: float = 1e-3
@@ -74,22 +74,24 @@ class Line:
 
 @dataclass(frozen=True)
 class Circle:
-    """The tool goes from one stop to the next on the arc of a circle through a third point.
+    """Arc of the tool from one stop to the next, on a circle through a third point.
 
     Parameters
     ----------
     through : array_like [3] or [2,3]
-        A point of the arc between its ends, in the base frame, m. A full circle, whose ends are one
-        place, needs two points, in the order in which they are reached.
-    tolerance, orientation_tolerance : float
-        As of :class:`Line`.
+        Point of the arc between its ends, in the base frame, m. A full circle, with both ends at
+        one place, needs two points in their order along the circle.
+    tolerance : float
+        Radius of the tube around the arc for the tool's origin, m.
+    orientation_tolerance : float
+        Largest angle to the orientation at the nearest place of the arc, rad.
     turns : int
-        Whole turns besides.
+        Number of additional full turns.
 
     Raises
     ------
     InputError
-        Not a point, a tolerance that is not above zero, turns that are no whole number.
+        An invalid point, a tolerance not above zero, or turns that are not a whole number.
     """
 
     through: Any
@@ -109,17 +111,17 @@ class Circle:
 
 @dataclass(frozen=True)
 class JointLine:
-    """All joints go straight from one stop to the next, each in proportion.
+    """Straight line of all joints from one stop to the next.
 
     Parameters
     ----------
     tolerance : float
-        Largest Euclidean distance from the straight line in joint space, rad (m).
+        Largest Euclidean distance from the line in joint space, rad (m).
 
     Raises
     ------
     InputError
-        A tolerance that is not above zero.
+        The tolerance is not above zero.
     """
 
     tolerance: float = 1e-3
@@ -130,7 +132,7 @@ class JointLine:
 
 @dataclass(frozen=True)
 class Corner:
-    """The tool stays within a ball: how a blended corner is passed."""
+    """Ball of a blended corner, in which the tool stays; centre and radius in m."""
 
     center: Numbers
     radius: float
@@ -149,7 +151,7 @@ def _check_turn(value: float) -> None:
 
 @dataclass(frozen=True)
 class Straight:
-    """A straight line between two points [d], of the tool or of the joints."""
+    """A straight line between two points [d] of the tool or of the joints."""
 
     start: Numbers
     end: Numbers
@@ -163,12 +165,12 @@ class Straight:
         return np.array(self.start) + shares[:, None] * np.subtract(self.end, self.start)
 
     def share(self, point: Any) -> Any:
-        """Return the share of the length at which a point (an expression) is beside the line."""
+        """Return the share of the length at the point's projection on the line, an expression."""
         along = ca.DM(np.subtract(self.end, self.start))
         return ca.dot(point - ca.DM(self.start), along) / self.length**2
 
     def across(self, point: Any) -> list[Any]:
-        """Return offsets from the line in the directions across it, expressions."""
+        """Return the offsets from the line in d - 1 normal directions, expressions."""
         way = np.subtract(self.end, self.start) / self.length
         normals = np.linalg.svd(way[None, :])[2][1:]
         offset = point - ca.DM(self.start)
@@ -177,7 +179,7 @@ class Straight:
 
 @dataclass(frozen=True)
 class CircleArc:
-    """An arc about a centre, from the direction ``x`` through ``y`` by an angle, rad."""
+    """An arc about a centre, from the unit vector ``x`` towards ``y`` by an angle, rad."""
 
     center: Numbers
     x: Numbers
@@ -187,7 +189,7 @@ class CircleArc:
 
     @classmethod
     def through(cls, start: FloatArray, middle: FloatArray, end: FloatArray) -> CircleArc:
-        """Return the arc from start to end on which middle lies."""
+        """Return the arc from start to end through middle, points [3], m."""
         a, b = middle - start, end - start
         normal = np.cross(a, b)
         size = float(normal @ normal)
@@ -196,6 +198,7 @@ class CircleArc:
                 "its three points must be apart and not on a straight line: "
                 f"{start.tolist()}, {middle.tolist()}, {end.tolist()}"
             )
+        # Circumcentre of a triangle: ((b.b) n x a - (a.a) n x b) / (2 n.n) from its first corner.
         to_center = ((b @ b) * np.cross(normal, a) - (a @ a) * np.cross(normal, b)) / (2 * size)
         center, radius = start + to_center, float(np.linalg.norm(to_center))
         x = (start - center) / radius
@@ -205,7 +208,7 @@ class CircleArc:
         return cls(*parts, radius=radius, angle=angle)
 
     def turned(self, turns: int) -> CircleArc:
-        """Return the same with so many whole turns more."""
+        """Return the arc with additional full turns."""
         return replace(self, angle=self.angle + 2 * np.pi * turns)
 
     @property
@@ -219,9 +222,9 @@ class CircleArc:
         return np.array(self.center) + self.radius * around
 
     def share(self, point: Any) -> Any:
-        """Return the share of the length at which a point (an expression) is beside the arc."""
+        """Return the share of the length at the point's projection on the arc, an expression."""
         across, up = self._in_plane(point)
-        # measured from the middle of the arc: the jump of atan2 is far from both ends
+        # Angles are measured from the middle of the arc: the jump of atan2 lies far from both ends.
         middle = 0.5 * self.angle
         turned = ca.atan2(
             np.cos(middle) * up - np.sin(middle) * across,
@@ -230,7 +233,7 @@ class CircleArc:
         return 0.5 + turned / self.angle
 
     def across(self, point: Any) -> list[Any]:
-        """Return offsets from the arc: outwards and out of its plane, expressions."""
+        """Return the radial offset from the arc and the one out of its plane, expressions."""
         across, up = self._in_plane(point)
         out_of_plane = ca.dot(point - ca.DM(self.center), ca.DM(np.cross(self.x, self.y)))
         return [ca.sqrt(across**2 + up**2) - self.radius, out_of_plane]
@@ -245,14 +248,18 @@ Curve = Straight | CircleArc
 
 @dataclass(frozen=True)
 class Turning:
-    """Orientation along a curve: about a fixed axis in the tool frame of its start.
+    """Orientation along a curve: a turn about a fixed axis.
 
     Attributes
     ----------
-    start : rotation of the tool at the start, by rows
-    axis : of the turn, in the base frame
-    angle : of the turn, rad
-    free : 0, 1 or 2 for the tool's axis about which any turn is allowed; None where none is
+    start : tuple of rows
+        Rotation of the tool in the base frame at the start.
+    axis : tuple [3]
+        Axis of the turn in the base frame.
+    angle : float
+        Angle of the turn, rad.
+    free : int or None
+        Index of the tool's axis about which any turn is allowed.
     """
 
     start: tuple[Numbers, ...]
@@ -264,9 +271,9 @@ class Turning:
     def between(
         cls, start: FloatArray | None, end: FloatArray | None, free: int | None
     ) -> Turning | None:
-        """Return that from one rotation [3,3] to another, or from free axis to free axis.
+        """Return the turn from one rotation [3,3] to another, or from free axis to free axis.
 
-        None where an end has no orientation.
+        The result is None if an end has no orientation.
         """
         if start is None or end is None:
             return None
@@ -289,7 +296,10 @@ class Turning:
         return cls(rows, tuple(axis.tolist()), angle if size > 1e-12 else 0.0, free)
 
     def rotation(self, share: Any) -> Any:
-        """Return the rotation [3,3] at a share of the way, a number or an expression."""
+        """Return the rotation [3,3] at a share of the length, a number or an expression.
+
+        Rodrigues' formula: ``(I + sin(a) K + (1 - cos(a)) K^2) R_start`` with K = skew(axis).
+        """
         k = ca.DM(ca.skew(ca.DM(self.axis)))
         turn = self.angle * share
         change = ca.DM.eye(3) + ca.sin(turn) * k + (1.0 - ca.cos(turn)) * (k @ k)
@@ -315,10 +325,11 @@ class _Across:
 
 @dataclass(frozen=True)
 class _Beyond:
-    """How far the tool's origin, or the joints, are beyond an end of a curve, m (rad).
+    """Overshoot of the tool's origin, or of the joints, beyond an end of a curve, m (rad).
 
-    Between the ends it is below zero, and smooth: to first order the distance to the nearer one.
-    What is off to a side is the less beyond: the tube ends within a ball of its tolerance.
+    The value is negative between the ends, and smooth: ``L s (s - 1)`` with the length L and the
+    share s is to first order the distance to the nearer end. The squared offset across the curve,
+    per tolerance, rounds the end of the tube within a ball of the tolerance.
     """
 
     curve: Curve
@@ -334,7 +345,7 @@ class _Beyond:
 
 @dataclass(frozen=True)
 class _SquaredDistance:
-    """Squared distance of the tool's origin from a point, m^2: smooth at the point, too."""
+    """Squared distance of the tool's origin from a point, m^2, which is smooth at the point."""
 
     center: Numbers
 
@@ -344,7 +355,7 @@ class _SquaredDistance:
 
 @dataclass(frozen=True)
 class _Angle:
-    """Sine of the angle to the orientation that belongs to the place on a curve, by its parts."""
+    """Components of the sine of the angle to the orientation at the nearest place of a curve."""
 
     curve: Curve
     turning: Turning
@@ -356,10 +367,9 @@ class _Angle:
 
 
 def orientation_error(wanted: Any, orientation: Any, free: int | None) -> Any:
-    """Return sine of the angle between two rotations, along its axis: [3], or [2] without the free
-    turn.
+    """Return the rotation error: sine of its angle along its axis, [3], or [2] without a free turn.
 
-    Expressions in CasADi; the axis is in the wanted frame.
+    The inputs are CasADi expressions of rotations [3,3]; the axis is in the wanted frame.
     """
     change = wanted.T @ orientation
     if free is not None:
@@ -369,7 +379,7 @@ def orientation_error(wanted: Any, orientation: Any, free: int | None) -> Any:
 
 
 def curve_between(kind: Curved, start: FloatArray, end: FloatArray) -> Curve:
-    """Return the curve of the tool's origin from one point [3] to another."""
+    """Return the curve of the tool's origin from one point [3] to another, m."""
     closed = bool(np.allclose(start, end))
     if isinstance(kind, Line):
         if closed:
@@ -386,7 +396,7 @@ def curve_between(kind: Curved, start: FloatArray, end: FloatArray) -> Curve:
 
 
 def parts_of(kind: Curved, curve: Curve) -> list[tuple[float, Curved]]:
-    """Give a curve in parts beside which a place on it is unique: the share at the end of each."""
+    """Return parts of a curve on which the nearest place is unique, with the share at each end."""
     if not isinstance(curve, CircleArc) or curve.angle <= SEGMENTS.largest_arc:
         return [(1.0, kind)]
     count = int(np.ceil(curve.angle / SEGMENTS.largest_arc))
@@ -399,7 +409,7 @@ def parts_of(kind: Curved, curve: Curve) -> list[tuple[float, Curved]]:
 
 
 def curve_limits(kind: Curved, curve: Curve, turning: Turning | None) -> tuple[Limit, ...]:
-    """Return what a tool line or circle asks for, as limits."""
+    """Return the limits of a tool line or circle."""
     name = "tool line" if isinstance(kind, Line) else "tool circle"
     side = SIDE * kind.tolerance
     degrees = tuple(f"{np.degrees(a):.0f} deg across" for a in DIRECTIONS)
@@ -418,7 +428,7 @@ def curve_limits(kind: Curved, curve: Curve, turning: Turning | None) -> tuple[L
 
 
 def joint_line_limits(kind: JointLine, start: FloatArray, end: FloatArray) -> tuple[Limit, ...]:
-    """Return what a straight joint path asks for, as limits."""
+    """Return the limits of a straight joint path."""
     curve = Straight(tuple(start.tolist()), tuple(end.tolist()))
     beyond = _Beyond(curve, kind.tolerance, of_joints=True)
     limits = [Limit("joint line beyond its ends", beyond, upper=kind.tolerance, unit="rad")]
@@ -431,6 +441,6 @@ def joint_line_limits(kind: JointLine, start: FloatArray, end: FloatArray) -> tu
 
 
 def corner_limit(kind: Corner) -> Limit:
-    """Return what a blended corner asks for, as a limit."""
+    """Return the limit of a blended corner."""
     distance = _SquaredDistance(kind.center)
     return Limit("squared distance from the corner", distance, upper=kind.radius**2, unit="m^2")

@@ -1,6 +1,6 @@
-"""Stops of a task: where the arm has to be, how exactly, how fast, and what it holds from there.
+"""Stops of a task: pose, tolerance, velocity and payload of the arm.
 
-At the end what holds at the via points of a free motion, and which robot moves between them.
+The conditions at the via points of a free motion follow at the end of the module.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from microbot_ocp.limits import LimitFamily
 from microbot_ocp.robot import Capsule, Link, Robot, checked_rotations, forward_kinematics
 
 AXES = ("x", "y", "z")
-SHAPE = ("start", "end", "radius", "name")  # of a part
+SHAPE = ("start", "end", "radius", "name")  # fields of a part's capsule
 
 
 @dataclass(frozen=True)
 class StopSizes:
-    """Sizes of what a stop may state.
+    """Bounds of the parameters of a stop.
 
     Attributes
     ----------
-    pose_joints : that give any orientation at a position
-    longest_dwell : s, a day
-    exact : rad (m): a smaller tolerance is none
+    pose_joints : number of joints from which an arm reaches a position in any orientation
+    longest_dwell : longest dwell, s: a day
+    exact : largest tolerance that counts as zero, rad (m)
     """
 
     pose_joints: int = 6
@@ -43,25 +43,26 @@ Numbers = tuple[float, ...]
 
 @dataclass(frozen=True)
 class Payload:
-    """What the tool holds.
+    """Payload of the tool.
 
     Parameters
     ----------
     mass : float
-        kg; 0 is an empty tool.
+        Mass, kg; 0 for an empty tool.
     center_of_mass : array_like [3]
-        In the tool frame, m.
+        Centre of mass in the tool frame, m.
     inertia : array_like [3,3], optional
-        About its centre of mass, along the axes of the tool frame, kg m^2; a point mass by default.
+        Inertia about the centre of mass, along the axes of the tool frame, kg m^2; a point mass by
+        default.
     shape : Capsule, mapping or sequence of them, optional
         Capsules around the part in the tool frame, m, or their fields ``start``, ``end``,
-        ``radius`` and ``name`` ("part" by default): among obstacles it keeps clear, too, from here
-        on. What it may touch is in the scene's ``ignore``: ``[("part", "table")]``.
+        ``radius`` and ``name`` ("part" by default). Among obstacles the part keeps clear from this
+        stop on. Allowed contacts are pairs in the scene's ``ignore``: ``[("part", "table")]``.
 
     Raises
     ------
     InputError
-        A negative mass, numbers that are not finite, an inertia that no body has.
+        A negative mass, numbers that are not finite, or an inertia that no body has.
     """
 
     mass: float
@@ -79,7 +80,7 @@ class Payload:
             object.__setattr__(self, "inertia", tuple(map(tuple, held.inertia.tolist())))
 
     def on(self, robot: Robot) -> Robot:
-        """Return the robot with this in its tool."""
+        """Return the robot with this payload in its tool."""
         if self.mass:
             robot = robot.with_payload(self.mass, self.center_of_mass, self.inertia)
         return robot.with_part(*self.shape) if self.shape and robot.capsules else robot
@@ -87,48 +88,48 @@ class Payload:
 
 @dataclass(frozen=True)
 class Stop:
-    """Where the arm has to be: a joint pose, a tool position or a tool pose.
+    """A stop of the arm: a joint pose, a tool position or a tool pose.
 
     Parameters
     ----------
     q : array_like [n], optional
-        Joint positions, rad (prismatic: m). Either these or a position.
+        Joint positions, rad (prismatic: m); excludes ``position``.
     position : array_like [3], optional
-        Of the tool's origin in the base frame, m.
+        Position of the tool's origin in the base frame, m.
     orientation : array_like [3,3], optional
-        Rotation of the tool in the base frame; any without it.
+        Rotation of the tool in the base frame; without it any orientation is allowed.
     tolerance : float or array_like
-        How far from there the arm may be. A number is the radius of a ball: of the tool's origin,
-        m, at most a tenth of the reach, or of the joints, rad. One a coordinate (base frame) or a
-        joint is a box; infinite leaves that one free.
+        Allowed distance from the pose. A number is the radius of a ball: of the tool's origin, m,
+        at most a tenth of the reach, or of the joints, rad. An array is a box with one half width
+        per coordinate (base frame) or joint; an infinite one leaves the coordinate free.
     orientation_tolerance : float
         Largest angle to the orientation, rad.
     free_turn : str, optional
-        "x", "y" or "z": any turn about this axis of the tool is allowed.
+        "x", "y" or "z": axis of the tool about which any turn is allowed.
     velocity : str or array_like, optional
-        "rest", "any", or the velocity: of the joints [n], rad/s, where ``q`` is given, else of the
-        tool's origin [3] in the base frame, m/s. Default rest at the ends of a task and where the
-        arm dwells or its payload changes, any elsewhere. Under limits of the torque rate or the
-        jerk the arm rests without acceleration; where a motion begins or ends moving the
-        acceleration is free, unless it is given: nothing is known of what was before or follows.
+        "rest", "any", or a velocity: of the joints [n], rad/s, for a stop with ``q``, otherwise of
+        the tool's origin [3] in the base frame, m/s. Default: rest at the ends of a task and at
+        stops with a dwell or a new payload, any velocity elsewhere. Under limits of the torque rate
+        or the jerk the arm rests without acceleration. At the ends of a moving start or goal the
+        acceleration is free unless it is given.
     acceleration : array_like [n], optional
-        Of the joints at a ``q`` with a given ``velocity``, rad/s^2, as of an arm that moves.
-        It counts under limits of the torque rate or the jerk; without these it may jump.
+        Joint accelerations at a stop with ``q`` and ``velocity``, rad/s^2. They apply under limits
+        of the torque rate or the jerk; without such limits the acceleration may jump.
     dwell : float
-        How long the arm rests here, s; at most a day.
+        Time of rest at the stop, s; at most a day.
     payload : Payload or float, optional
-        What the tool holds from here on; a number is a point mass at the tool's origin, kg. Default
-        what it held before.
+        Payload from this stop on; a number is a point mass at the tool's origin, kg. Default: the
+        payload before the stop.
     blend : float
-        Between two tool lines: the corner is cut within this distance, m, and the arm does not
-        pass the stop itself, unless the lines go straight on there.
+        Distance from a corner between two tool lines within which it is cut, m. The arm passes the
+        stop itself only if the lines continue straight.
     name : str
-        For messages, marks and tables; "stop 1" and so on by default.
+        Name in messages, marks and tables; default "stop 1" and so on.
 
     Raises
     ------
     InputError
-        Neither or both of ``q`` and ``position``, wrong shapes, a matrix that is no rotation, a
+        Neither or both of ``q`` and ``position``, wrong shapes, a matrix that is no rotation, or a
         dwell at a velocity.
 
     Examples
@@ -214,12 +215,12 @@ class Stop:
 
     @property
     def free_axis(self) -> int | None:
-        """Index of the tool's axis about which any turn is allowed."""
+        """Index of the tool's axis about which any turn is allowed, or None."""
         return None if self.free_turn is None else AXES.index(self.free_turn)
 
     @property
     def box(self) -> FloatArray | None:
-        """Half widths of the tolerance, one a coordinate or joint; None where it is a ball."""
+        """Half widths of the tolerance per coordinate or joint; None for a ball."""
         if isinstance(self.tolerance, tuple):
             return np.array(self.tolerance)
         size = 3 if self.q is None else len(self.q)
@@ -227,13 +228,13 @@ class Stop:
 
     @property
     def slack(self) -> FloatArray:
-        """How far every coordinate or joint may be from the middle of the tolerance."""
+        """Largest distance of every coordinate or joint from the middle of the tolerance."""
         return np.broadcast_to(np.array(self.tolerance), (3 if self.q is None else len(self.q),))
 
     def pose(self, robot: Robot) -> tuple[FloatArray, FloatArray | None]:
-        """Return position [3] and rotation [3,3] of the tool at the middle of its tolerance.
+        """Return position [3], m, and rotation [3,3] of the tool in the middle of the tolerance.
 
-        A joint pose states a rotation only of an arm that can hold one on the way, with six joints.
+        A joint pose has a rotation only for an arm of six or more joints, which can hold one.
         """
         if self.q is not None:
             tool = np.array(forward_kinematics(robot)(np.array(self.q)))
@@ -243,12 +244,12 @@ class Stop:
         return np.array(self.position), turned
 
     def named(self, name: str) -> Stop:
-        """Return the same stop with a name, unless it has one."""
+        """Return the stop with a name, unless it has one."""
         return self if self.name else replace(self, name=name)
 
 
 def _capsules(given: Any) -> tuple[Capsule, ...]:
-    """Return the capsules of a part."""
+    """Return the capsules of a part's shape."""
     entries = given if isinstance(given, list | tuple) else (given,) if given is not None else ()
     capsules = []
     for entry in entries:
@@ -267,8 +268,8 @@ def _capsules(given: Any) -> tuple[Capsule, ...]:
     return tuple(capsules)
 
 
-def _rotation(what: str, given: Any) -> tuple[Numbers, ...]:
-    matrix = checked_rotations(what, checks.array(what, given, (3, 3)))
+def _rotation(name: str, given: Any) -> tuple[Numbers, ...]:
+    matrix = checked_rotations(name, checks.array(name, given, (3, 3)))
     return tuple(tuple(row) for row in matrix.tolist())
 
 
@@ -288,24 +289,25 @@ class Row:
 
 @dataclass(frozen=True)
 class EndConditions:
-    """What holds at one via point.
+    """Conditions at one via point.
 
     Attributes
     ----------
     q, qd : (lower, upper), each [n]
-        Infinite where a joint is free.
+        Bounds; infinite for a free joint.
     rows : tuple of Row
+        Further conditions.
     qdd : (lower, upper), each [n], optional
-        None where the acceleration is free.
-    leaps : bool
-        Whether the acceleration may jump there.
+        Bounds of the acceleration; None leaves it free.
+    acceleration_jumps : bool
+        True if the acceleration may jump at the via point.
     """
 
     q: Bounds
     qd: Bounds
     rows: tuple[Row, ...] = ()
     qdd: Bounds | None = None
-    leaps: bool = False
+    acceleration_jumps: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,11 +316,12 @@ class Conditions:
 
     Attributes
     ----------
-    robots : tuple of Robot, one a segment
-        With the limits that hold there.
-    ends : tuple of EndConditions, one a via point
+    robots : tuple of Robot, one per segment
+        Robot with the limits of the segment.
+    ends : tuple of EndConditions, one per via point
+        Conditions at the via points.
     closed : tuple of str
-        Which of "q", "qd", "qdd" are at the end what they are at the start.
+        Keys of "q", "qd", "qdd" that return to their initial values.
     """
 
     robots: tuple[Robot, ...]
@@ -327,13 +330,13 @@ class Conditions:
 
     @property
     def velocities(self) -> FloatArray:
-        """Velocities [m,n] at the via points; zero where they are not given."""
+        """Velocities [m,n] at the via points; zero if they are not given."""
         bounds = [np.array(end.qd) for end in self.ends]
         return np.array([np.where(low == high, low, 0.0) for low, high in bounds])
 
 
 def passing(robot: Robot, via: FloatArray) -> Conditions:
-    """Return rest at both ends of via points [m,n], and any velocity at the others."""
+    """Return conditions of rest at both ends of via points [m,n] and any velocity at the others."""
     free, rest = np.full(via.shape[1], np.inf), np.zeros(via.shape[1])
     still = (rest, rest) if LimitFamily.of(robot).jerk_matters else None
     last = len(via) - 1

@@ -1,4 +1,4 @@
-"""A task of stops and segments, checked: its limits, payloads and conditions segment by segment."""
+"""A checked task of stops and segments: limits, payloads and conditions of every segment."""
 
 from __future__ import annotations
 
@@ -42,16 +42,16 @@ from microbot_ocp.robot import Robot, forward_kinematics, jacobian
 
 @dataclass(frozen=True)
 class TaskSizes:
-    """Largest values of a task of stops, and what counts as none.
+    """Bounds of a task's parameters, and thresholds of zero.
 
     Attributes
     ----------
-    stops : at most
-    loosest : of the reach, for the radius of a ball or a tube
-    heaviest : times the arm's own mass
-    states : at which slopes are looked at
-    flat : relative size of a slope that is none
-    apart : m (m/s, rad): what is farther off is not met
+    stops : largest number of stops
+    loosest : largest radius of a ball or a tube, share of the reach
+    heaviest : largest payload, per mass of the arm
+    states : number of random states at which slopes are evaluated
+    flat : relative slope below which a condition counts as constant
+    apart : largest violation of a constant condition, m (m/s, rad)
     """
 
     stops: int = 200
@@ -69,21 +69,21 @@ EMPTY = Payload(0.0)
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """Stops and what lies between them, checked.
+    """Checked stops and segments; :func:`task_of` makes them.
 
-    Make one with :func:`task_of`. A cycle ends with its first stop again.
+    A cycle repeats its first stop at the end.
 
     Attributes
     ----------
     family : LimitFamily
-        Of the robot with an empty tool, under the limits that hold everywhere.
+        Limits that hold everywhere, of the robot with an empty tool.
     stops : tuple of Stop, m
-        With names; corners that are blended are two stops each.
+        Named stops; a blended corner is a pair of stops.
     segments : tuple of Segment, m - 1
-        None where the way is free.
+        Segments; None for a free one.
     cycle : bool
     around : optional
-        What the arm keeps clear of: ``limits(index)`` are further limits of a segment.
+        Required distances from obstacles: ``limits(index)`` are further limits of a segment.
     """
 
     family: LimitFamily
@@ -94,13 +94,13 @@ class Task:
 
     @classmethod
     def through(cls, family: LimitFamily, via: FloatArray) -> Task:
-        """Return the task of via points [m,n] that are checked, passed at any velocity."""
+        """Return the task of checked via points [m,n], rad (m), passed at any velocity."""
         stops = tuple(Stop(q=point, name=f"via {k + 1}") for k, point in enumerate(via))
         return cls(family, stops, (None,) * (len(stops) - 1))
 
     @cached_property
     def is_plain(self) -> bool:
-        """Whether nothing but joint poses is given, passed at any velocity, from rest to rest."""
+        """True for joint poses alone, passed at any velocity, from rest to rest."""
         given = self.cycle or self.around is not None or any(self.segments)
         return not given and all(
             s.q is not None and s == Stop(s.q, name=s.name) for s in self.stops
@@ -108,12 +108,12 @@ class Task:
 
     @property
     def robot(self) -> Robot:
-        """With an empty tool."""
+        """Robot with an empty tool."""
         return self.family.robot
 
     @property
     def dwells(self) -> FloatArray:
-        """How long the arm rests [m] at each stop, s; in a cycle at the first, not at the last."""
+        """Dwells [m] at the stops, s; a cycle dwells at its first stop, not again at the last."""
         seconds = np.array([stop.dwell for stop in self.stops])
         if self.cycle:
             seconds[-1] = 0.0
@@ -121,7 +121,7 @@ class Task:
 
     @cached_property
     def payloads(self) -> tuple[Payload, ...]:
-        """What the tool holds on every segment."""
+        """Payload of every segment."""
         held, payloads = EMPTY, []
         if self.cycle:
             held = next((s.payload for s in reversed(self.stops) if s.payload is not None), EMPTY)
@@ -132,7 +132,7 @@ class Task:
 
     @cached_property
     def curves(self) -> tuple[tuple[Curve, Turning | None] | None, ...]:
-        """The curve of every tool line and circle with the orientation along it; else None."""
+        """Curve of every tool line and circle, with the orientation along it; None elsewhere."""
         return tuple(map(self._curve, range(len(self.segments))))
 
     def _curve(self, index: int) -> tuple[Curve, Turning | None] | None:
@@ -150,7 +150,7 @@ class Task:
 
     @cached_property
     def robots(self) -> tuple[Robot, ...]:
-        """The robot on every segment: with its payload, and the limits of that segment."""
+        """Robot of every segment, with its payload and the limits of the segment."""
         return tuple(map(self._robot, range(len(self.segments))))
 
     def _robot(self, index: int) -> Robot:
@@ -178,7 +178,7 @@ class Task:
         return segment_name(self.segments[index], *self.stops[index : index + 2])
 
     def at_rest(self, index: int) -> bool:
-        """Return whether the arm rests at a stop."""
+        """Return True if the arm rests at a stop."""
         stop, last = self.stops[index], len(self.stops) - 1
         if stop.velocity is not None:
             still = isinstance(stop.velocity, tuple) and not any(stop.velocity)
@@ -188,7 +188,7 @@ class Task:
 
     @cached_property
     def conditions(self) -> Conditions:
-        """What the optimal-control problem has to keep."""
+        """Conditions of the optimal-control problem."""
         last = len(self.stops) - 1
         ends = [self._end(k) for k in range(last + 1)]
         closed: tuple[str, ...] = ()
@@ -198,7 +198,7 @@ class Task:
             moves = not self.at_rest(0)
             demanded = {"q": not fixed, "qd": moves, "qdd": moves and self.family.jerk_matters}
             closed = tuple(key for key, is_closed in demanded.items() if is_closed)
-            # what is closed is demanded once
+            # A closed quantity is free at the last stop: the condition of closure fixes it there.
             given = ends[0]
             free = np.full(self.robot.joint_count, np.inf)
             qd = given.qd if "qd" not in closed else (-free, free)
@@ -234,7 +234,9 @@ class Task:
             given = zero if stop.acceleration is None else np.array(stop.acceleration)
             qdd = (given, given)
         ends = (_effective(robot, stop, row) for row in rows)
-        return EndConditions(q, qd, tuple(filter(None, ends)), qdd=qdd, leaps=stated and not rated)
+        return EndConditions(
+            q, qd, tuple(filter(None, ends)), qdd=qdd, acceleration_jumps=stated and not rated
+        )
 
 
 AT_MOST_ONE: Bounds = np.array([-np.inf]), np.array([1.0])
@@ -245,7 +247,7 @@ def _tool_velocity(robot: Robot, q: Any, qd: Any) -> Any:
 
 
 def pose_rows(robot: Robot, stop: Stop) -> list[Row]:
-    """Return conditions on the pose at a stop that are not bounds of joints."""
+    """Return the conditions on the pose at a stop that are not bounds of joints."""
     rows = []
     if stop.q is not None:
         target, size = np.array(stop.q), float(stop.tolerance)
@@ -285,19 +287,19 @@ def pose_rows(robot: Robot, stop: Stop) -> list[Row]:
 
 
 def _effective(robot: Robot, stop: Stop, row: Row) -> Row | None:
-    """Return a condition without those equations that no joint changes, as of the height of a
-    planar arm.
+    """Return a condition without equations that no joint affects, such as a planar arm's height.
 
-    Solvers that drop fixed variables refuse them.
+    Solvers that eliminate fixed variables reject such equations.
 
     Raises
     ------
     InputError
-        One of these equations does not hold.
+        A removed equation does not hold.
     """
     low, high = row.bounds
     q, qd = (ca.SX.sym(name, robot.joint_count) for name in ("q", "qd"))
     value, state = row.expression(q, qd), ca.vertcat(q, qd)
+    # An equation with zero slope at random states is constant with probability one.
     along = ca.Function("along", [state], [value, ca.jacobian(value, state)])
     states = np.random.default_rng(0).uniform(-1.0, 1.0, (TASK_SIZES.states, 2 * robot.joint_count))
     values, slopes = zip(*(map(np.array, along(x)) for x in states), strict=True)
@@ -321,7 +323,7 @@ def _chosen(expression: Callable[..., Any], rows: list[int], q: Any, qd: Any) ->
 
 
 def is_task(via: Any) -> bool:
-    """Return whether some of the via points are stops."""
+    """Return True if some of the via points are stops."""
     return isinstance(via, list | tuple) and any(isinstance(point, Stop) for point in via)
 
 
@@ -333,13 +335,13 @@ def task_of(
     segments: Sequence[Segment] | None = None,
     cycle: bool = False,
 ) -> Task:
-    """Return a task of stops, or joint poses [n], and of segments between them.
+    """Return the checked task of stops, or joint poses [n], and of the segments between them.
 
     Raises
     ------
     InputError
-        Fewer than two stops, a joint pose outside its limits or that cannot be held at rest, a
-        segment that does not fit its stops, a blend that is longer than its lines.
+        Fewer than two stops, a joint pose outside its limits or not holdable at rest, a segment
+        that does not fit its stops, or a blend longer than its lines.
     """
     family = check_limits(robot, limits)
     given = [stop if isinstance(stop, Stop) else Stop(q=stop) for stop in stops]
@@ -382,7 +384,7 @@ def task_of(
 
 
 def _check_tolerance(robot: Robot, where: str, tolerance: Any, of_joints: bool) -> None:
-    """Raise InputError where a finite tolerance leaves everything free that the arm can do."""
+    """Raise InputError if a finite tolerance is larger than the arm's range."""
     finite = np.array(tolerance)[np.isfinite(tolerance)]
     largest = float(np.max(finite, initial=0.0))
     if of_joints and largest > 2 * np.pi and set(robot.joint_types) == {"revolute"}:
@@ -399,7 +401,7 @@ def _check_tolerance(robot: Robot, where: str, tolerance: Any, of_joints: bool) 
 
 
 def _check_payload(robot: Robot, stop: Stop) -> None:
-    """Raise InputError for a payload that no arm of these masses is meant to hold."""
+    """Raise InputError for a payload far heavier than the arm; warn above the arm's own mass."""
     assert stop.payload is not None
     if not robot.has_dynamics:
         raise InputError(
@@ -444,7 +446,7 @@ def _check_put_down(task: Task) -> None:
 
 
 def _pace(stop: Stop, is_end: bool) -> tuple[float, ...] | None:
-    """Return the velocity that is given at a stop, empty at rest; None where any will do."""
+    """Return the given velocity at a stop, empty at rest; None if any velocity is allowed."""
     if isinstance(stop.velocity, tuple):
         return stop.velocity if any(stop.velocity) else ()
     rests = is_end or bool(stop.dwell) or stop.payload is not None
@@ -460,7 +462,8 @@ def _check_stops(
         paces = [
             _pace(stop, stop in (stops[0], stops[-1]) and not cycle) for stop in (before, after)
         ]
-        turns = None not in paces and paces[0] != paces[1]  # moving, it comes back
+        # An arm that moves in equal places returns: the two stops are not one.
+        turns = None not in paces and paces[0] != paces[1]
         if places[0] == places[1] and not turns and not isinstance(kind, Circle):
             if cycle and len(stops) == 2:
                 raise InputError("a cycle needs at least two stops, not one")
@@ -484,12 +487,12 @@ def _check_stops(
 
 
 def with_torques(task: Task, share: float) -> Task:
-    """Return the same task with a share of the torque limits.
+    """Return the task with a share of the torque limits.
 
     Raises
     ------
     InputError
-        A stop that cannot be held at rest with them.
+        A stop is not holdable at rest within them.
     """
     limits = task.robot.limits
     bounds = {key: share * getattr(limits, key) for key in ("tau_min", "tau_max")}
@@ -505,9 +508,9 @@ def _check_rests(task: Task) -> None:
 
 
 def check_held(task: Task, index: int, q: FloatArray) -> None:
-    """Raise InputError where torques do not hold the arm in a pose [n] at rest at a stop.
+    """Raise InputError if torques do not hold the arm in a pose [n] at rest at a stop.
 
-    With what it holds before and after.
+    The payloads before and after the stop count.
     """
     stop = task.stops[index]
     if not task.at_rest(index):
@@ -516,4 +519,4 @@ def check_held(task: Task, index: int, q: FloatArray) -> None:
         payload = task.payloads[segment]
         held = f" with {payload.mass:g} kg" if payload.mass else ""
         family = LimitFamily.of(payload.on(task.robot))
-        check_rest(family, lambda _, what=f"stop {stop.name!r}{held}": what, q[None])
+        check_rest(family, lambda _, label=f"stop {stop.name!r}{held}": label, q[None])

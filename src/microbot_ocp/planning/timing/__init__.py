@@ -1,8 +1,8 @@
-"""The timing of a given path under any limit: one program on places of the path.
+"""The timing of a given path under limits of any form: one program on places of the path.
 
-Comes in: a path and a family of limits. Goes out: the motion along it. Begin with
-:func:`time_optimal_path` in ``_path_timing.py``; ``_places_timing.py`` keeps torque rates, jerk and
-further limits, which the passes of ``planning.path`` cannot, by the program of
+Input: a path and a family of limits. Output: the motion along it. The entry point is
+:func:`time_optimal_path` in ``_path_timing.py``. ``_places_timing.py`` handles torque rates, jerk
+and further limits, which the passes of ``planning.path`` cannot, by the program of
 ``_places_program.py``.
 """
 

@@ -1,9 +1,9 @@
 """The best timing of a given joint path, from rest to rest.
 
-The path stays, only s(t) is found: by the reachability passes, to the global optimum on a grid,
-where they keep every limit (``_reachability.py``); otherwise by one program on places of the path
-that starts from there (``_places_timing.py``). At a corner of the path, where its tangent jumps,
-the arm has to stop. Where no timing keeps the limits those that decide are named.
+The path is given and s(t) is unknown. If the reachability passes cover every limit, they give the
+global optimum on a grid (``_reachability.py``). Otherwise one program on places of the path starts
+from their result (``_places_timing.py``). At a corner of the path, where its tangent jumps, the arm
+stops. If no timing is feasible, the result names the blocking limits.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from microbot_ocp.planning.task import (
     TIME_LIMIT,
     TaskScale,
     check_limits,
-    rates_alone,
+    single_joint_rates,
     with_changes,
     with_drives_noted,
     with_locked_joints_held,
@@ -81,12 +81,14 @@ class GridSettings:
 
     Attributes
     ----------
-    most_grids, most_points : grids of a segment at most, and points above which there is no finer
-        one
-    most_settling : points above which the duration alone asks for no finer grid
-    shortest, shortest_ratio : s, and ratio to the duration: the least interval that is halved
-    mesh, mesh_sum, least_mesh : intervals of each piece of a path that the program on places begins
-        with, of all together, and of each at least
+    most_grids : largest number of grids of a segment
+    most_points : number of points above which a grid is not refined
+    most_settling : number of points above which the duration alone does not refine a grid
+    shortest : shortest interval that is halved, s
+    shortest_ratio : shortest interval that is halved, share of the duration
+    mesh : largest initial number of intervals per piece for the program on places
+    mesh_sum : initial number of intervals of all pieces together
+    least_mesh : smallest initial number of intervals per piece
     """
 
     most_grids: int = 9
@@ -100,7 +102,7 @@ class GridSettings:
 
 
 GRID = GridSettings()
-# what found a motion, as its provenance says
+# Words for the method of a motion in its provenance.
 PASSES, WALK = "reachability", "harmonic in its parameter"
 PLACES_METHOD = "one program on its places"
 
@@ -111,12 +113,16 @@ class PathTimingSettings:
 
     Attributes
     ----------
-    grid : points of the reachability passes on each smooth segment to begin with; they become more
-        until the duration settles
-    limit_tolerance : largest relative excess of a limit between grid or mesh points
-    compiled : compile to C where there is a compiler
-    time_limit : wall time, s, after which the best so far is returned with the status "time limit";
-        infinite is none
+    grid : int
+        Initial number of points of the reachability passes on each smooth segment; refined until
+        the duration settles.
+    limit_tolerance : float
+        Largest relative excess of a limit between grid or mesh points.
+    compiled : bool
+        Compile to C if there is a compiler.
+    time_limit : float
+        Wall time, s, after which the best timing so far is returned with the status "time limit";
+        infinite means no limit.
     """
 
     grid: int = 1000
@@ -143,39 +149,39 @@ def time_optimal_path(
 ) -> Motion:
     """Find the fastest motion along a path, at rest at both ends and at its corners.
 
-    Under limits of the torque rate or the jerk it rests wherever the curvature of the path jumps,
-    too. Limits that are affine in s'' and s'^2 (torque, acceleration) and those of the velocity are
-    kept by reachability, on a grid that becomes finer until they hold between its points. Where
-    there are others (torque rates, jerk, power, expressions of your own) all are kept by a program
-    that starts from there, with places on the path as mesh points, so that it evaluates no
-    dynamics; the provenance's ``limits_kept_by`` says which is which.
+    Under limits of the torque rate or the jerk the arm also rests wherever the curvature of the
+    path jumps. Reachability covers limits that are affine in s'' and s'^2 (torque, acceleration)
+    and velocity limits, on a grid that is refined until they hold between its points. With other
+    limits (torque rates, jerk, power, custom expressions) a program covers all of them. It starts
+    from the reachability result, has places on the path as mesh points and evaluates no dynamics.
+    The provenance's ``limits_kept_by`` assigns each limit to its method.
 
     Parameters
     ----------
     robot : Robot
-        Without masses only limits of its motion count, none of torques.
+        Robot; without masses only limits of the motion apply, none of torques.
     path : PiecewisePolynomial
-        Joint positions over any path parameter: a trajectory (its timing is replaced), or
+        Joint positions over any path parameter: a trajectory, whose timing is replaced, or
         :func:`straight_path`.
     limits : Limits, optional
-        Default the robot's own.
+        Default: the robot's own.
     reserve : float or array_like [n]
-        Share of the torque limits that is kept back for feedback, of all joints or one a joint.
+        Share of the torque limits reserved for feedback, for all joints or per joint.
     settings : PathTimingSettings, optional
-        Single settings may be given as keywords: ``grid``, ``limit_tolerance``, ``compiled``,
-        ``time_limit`` (by default 120 s).
+        Single settings may be keywords instead: ``grid``, ``limit_tolerance``, ``compiled``,
+        ``time_limit`` (default 120 s).
 
     Returns
     -------
     Motion
-        ``motion.solved`` tells whether the solver converged; the provenance holds the duration
-        found by reachability, too.
+        ``motion.solved`` is True if the solver converged; the provenance also holds the duration
+        found by reachability.
 
     Raises
     ------
     InputError
-        A path outside the position limits, an end or corner that cannot be held at rest, bad
-        limits, an expression of a limit without derivatives: before any solver starts.
+        A path outside the position limits, an end or corner that cannot be held at rest, invalid
+        limits, or an expression of a limit without derivatives; raised before any solver starts.
 
     Examples
     --------
@@ -199,7 +205,7 @@ def best_timing(
     label: str,
     progress: StepProgress,
 ) -> Motion:
-    """Do as :func:`time_optimal_path` with a path that is checked."""
+    """Find the fastest motion along a checked path, as :func:`time_optimal_path` does."""
     moving = with_locked_joints_held(family, None)
     with deadline.within(settings.time_limit):
         motion = _PathSearch(moving, path, settings, label, progress).run()
@@ -208,7 +214,7 @@ def best_timing(
 
 @dataclass
 class _PathSearch:
-    """Reachability on every smooth segment, then, where it leaves a limit, the program on places.
+    """Search for a timing: reachability on every smooth segment, and the program on places.
 
     docs/theory/path_timing.md, "Reachability" and "One program on places".
     """
@@ -223,7 +229,7 @@ class _PathSearch:
         self.fast = compiles(self.settings.compiled)
         self.robot: Robot = self.family.robot
         self.stops = stops(self.path, self.family)
-        self.passed = segments(self.path, self.stops)  # as the passes of reachability take them
+        self.passed = segments(self.path, self.stops)  # segments of the reachability passes
         self.curves = self.passed
         if self.family.jerk_matters:
             self.curves = segments(self.path, self.stops, 3)
@@ -232,7 +238,7 @@ class _PathSearch:
         """Time the path."""
         self.begin = time.perf_counter()
         timings, excess = self._reach()
-        self.reached = sum(timing.duration for timing in timings)  # NaN where one is blocked
+        self.reached = sum(timing.duration for timing in timings)  # NaN if a segment is blocked
         self.blocked_at = [
             self._place(i, timing.blocked_at)
             for i, timing in enumerate(timings)
@@ -264,16 +270,16 @@ class _PathSearch:
         return self._profile_motion(profiles)
 
     def _reach(self) -> tuple[list[Reached], float]:
-        """Time every segment, and tell the largest excess; who keeps which limit is noted."""
+        """Return the timing of every segment and the largest excess; store limits by method."""
         timings = [self._settled(curve) for curve in self.passed]
         self.limits_kept_by = limits_kept_by(timings[0][1].limits)
         return [timing for timing, _, _ in timings], max(excess for _, _, excess in timings)
 
     def _settled(self, curve: PathCurve) -> tuple[Reached, CurveLimits, float]:
-        """Refine the grid of a timing until its duration settles and limits hold in between.
+        """Return a timing on a grid that is refined until it settles and limits hold inside.
 
-        With rates the timing is a start alone: one grid is enough. The last number returned is the
-        largest relative excess over a limit inside an interval in the end.
+        The last value is the largest relative excess of a limit inside an interval. Under limits of
+        rates the timing is a start only, and one grid suffices.
         """
         s, duration = path_grid(curve, self.settings.grid), np.inf
         for left in range(0 if self.family.jerk_matters else GRID.most_grids - 1, -1, -1):
@@ -293,7 +299,7 @@ class _PathSearch:
         return timing, along, float(excess.max())
 
     def _walk(self, curve: PathCurve, timing: Reached) -> Reached:
-        """Give a slow timing where there is none, as long as its slowest joint takes."""
+        """Return a feasible timing unchanged, or a slow one at the pace of its slowest joint."""
         if timing.feasible:
             return timing
         shares = np.linspace(curve.breaks[0], curve.breaks[-1], 2 * len(curve.pieces) + 1)
@@ -301,10 +307,10 @@ class _PathSearch:
         return harmonic(timing.s, lasts)
 
     def _starts(self, timings: list[Reached]) -> list[Reached]:
-        """Give what the program starts from: timings on its mesh that know of all limits.
+        """Return starts of the program: timings on its mesh that respect all limits roughly.
 
-        Further limits that the passes cannot keep bound the speed as if it did not change, and
-        under rates no joint is faster than it would be alone under rates only.
+        Limits that the passes cannot keep bound the speed as if it were constant. Under limits of
+        rates no joint is faster than it would be alone.
         """
         starts = []
         pieces = sum(len(curve.pieces) for curve in self.curves)
@@ -314,10 +320,11 @@ class _PathSearch:
             if not self.blocked_at:
                 family, jerk = self.family, np.full(self.robot.joint_count, np.inf)
                 if family.jerk_matters:
-                    jerk, more = rates_alone(family, passed.evaluate(timing.s)[0])
+                    jerk, more = single_joint_rates(family, passed.evaluate(timing.s)[0])
                     family = LimitFamily.of(self.robot, self.robot.limits.changed(more))
                 along = CurveLimits.of(family, passed, self.settings.grid, self.fast)
                 gentle = reach(along, fastest=along.steady_speed())
+                # Rise: the time in which the allowed jerk builds up the largest acceleration.
                 _, tangent, curvature = passed.evaluate(gentle.s)
                 rises = np.append(gentle.start, gentle.end[-1])[:, None]
                 qdd = tangent * rises + curvature * gentle.speed_squared[:, None]
@@ -345,7 +352,7 @@ class _PathSearch:
         return self._motion(timings, PASSES, outcome, excess=excess)
 
     def _profile_motion(self, profiles: list[SpeedProfile]) -> Motion:
-        """Give profiles of all segments as a motion, and judge them."""
+        """Return the profiles of all segments as a motion with its outcome."""
         attempts = [attempt for profile in profiles for attempt in profile.attempts]
         excess = max(float(excess_of(self.family, profile).max()) for profile in profiles)
         status = attempts[-1].status
@@ -365,13 +372,13 @@ class _PathSearch:
             Outcome.of(status, advice),
             excess=excess,
             solver=attempts[-1].solver,
-            gap=sum(profile.gap for profile in profiles),  # s: from the local optimum, at most
+            gap=sum(profile.gap for profile in profiles),  # bound on the distance to the optimum, s
             smoothing=PROGRAM.smoothing,
             solves=[attempt.as_dict() for attempt in attempts],
         )
 
     def _samples(self, profiles: Sequence[SpeedProfile]) -> tuple[FloatArray, State, FloatArray]:
-        """Give times, states and breaks of profiles; s'' may jump at corners and breaks."""
+        """Return times, states and breaks of profiles; s'' may jump at corners and breaks."""
         begins = np.cumsum([0.0, *(profile.duration for profile in profiles)])
         breaks = [np.zeros(1)]
         jumps = [begins[1:-1]]
@@ -392,7 +399,7 @@ class _PathSearch:
     def _motion(
         self, parts: Sequence[Reached | SpeedProfile], how: str, outcome: Outcome, **more: Any
     ) -> Motion:
-        """Give timings of all segments as a motion that says how it was found."""
+        """Return timings of all segments as a motion with its provenance."""
         if profiles := [part for part in parts if isinstance(part, SpeedProfile)]:
             curves, (t, state, breaks) = self.curves, self._samples(profiles)
         else:
@@ -431,8 +438,8 @@ class _PathSearch:
 
     def _remark(self, how: str) -> str:
         count = self.stops.size
-        what = "corner" if count == corners(self.path).size else "jump of the curvature or corner"
-        rests = f"stops at {count} {what}{'s' if count != 1 else ''}" if count else "no stop"
+        word = "corner" if count == corners(self.path).size else "jump of the curvature or corner"
+        rests = f"stops at {count} {word}{'s' if count != 1 else ''}" if count else "no stop"
         if how == PASSES:
             return rests
         if not np.isfinite(self.reached):
@@ -440,12 +447,12 @@ class _PathSearch:
         return f"{rests}; reachability on a grid gives {self.reached:.4f} s"
 
     def _place(self, segment: int, at: float) -> float:
-        """Give the path's parameter at a parameter of one of its curves."""
+        """Return the path's parameter at a parameter of one of its segments."""
         begin = [float(self.path.breaks[0]), *map(float, self.stops)][segment]
         return begin + float(self.passed[segment].parameter(np.array([at]))[0][0])
 
     def _blocking(self, timings: list[Reached]) -> tuple[list[Advice], list[dict[str, Any]]]:
-        """Give the limits that keep the path from being travelled, as rows and as figures."""
+        """Return the limits that block the path, as advice and as numbers."""
         rows, entries = [], []
         for index, (curve, timing) in enumerate(zip(self.passed, timings, strict=True)):
             limit = None if timing.feasible else blocking_limit(self.family, curve, self.fast)

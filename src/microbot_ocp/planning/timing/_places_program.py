@@ -1,10 +1,10 @@
-"""The nonlinear program of a timing on places of a path, with derivatives put together by hand.
+"""The nonlinear program of a timing on places of a path, with explicitly assembled derivatives.
 
-At a given place of a path all that a limit may ask for is a function of s', s'' and s''' whose
-coefficients are numbers: the pose, its derivatives, and those of the torque. So every mesh point
-and every interval is one call of a small kernel, which evaluates no dynamics, and whose values and
-entries of Jacobian and Hessian go to known rows and columns: nothing is derived or compiled anew
-for another path. The equations are (5) to (10) of docs/theory/path_timing.md.
+At a given place of a path every limit is a function of s', s'' and s''', whose coefficients are
+numbers: the pose, its derivatives, and those of the torque. Every mesh point and every interval is
+one call of a small kernel without dynamics, whose values and entries of Jacobian and Hessian go to
+known rows and columns. Another path needs no new derivation or compilation. The equations are (5)
+to (10) of docs/theory/path_timing.md.
 """
 
 from __future__ import annotations
@@ -30,11 +30,10 @@ class ProgramSettings:
 
     Attributes
     ----------
-    smoothing : weight of the squared s''': picks one timing where many are equally fast
-    tolerance : of IPOPT
-    most_iterations : of IPOPT; 25 to 45 are usual
-    speed_places : shares of an interval at which the limit of s' is kept. On a stretch at the
-        limit its middle alone would leave s'' an error that is the same in every interval
+    smoothing : weight of the squared s''', which selects one of many equally fast timings
+    tolerance : tolerance of IPOPT
+    most_iterations : iteration limit of IPOPT
+    speed_places : shares of an interval at which s' is bounded
     """
 
     smoothing: float = 1e-8
@@ -44,20 +43,20 @@ class ProgramSettings:
 
 
 PROGRAM = ProgramSettings()
-TORQUE_PARTS = 6  # torque per s'', per s'^2 and at rest, and how each changes along s
+TORQUE_PARTS = 6  # coefficients m, c, g of equation (6), and their slopes m', c', g' along s
 
 
 @dataclass(frozen=True)
 class LimitKinds:
-    """What kernels follow from: the limits of a family that are rows of the program.
+    """Kinds of limits that are rows of the program; kernels depend on them alone.
 
     Attributes
     ----------
     joints : number of joints
-    dynamics : whether limits may ask for torques
+    dynamics : True if limits need torques
     of_acceleration : keys of the limits that depend on s'' but not on s'''
     of_rates : keys of the limits that depend on s'''
-    family : of which the expressions of further limits are; None where there are none
+    family : family with the expressions of further limits, or None
     """
 
     joints: int
@@ -68,7 +67,7 @@ class LimitKinds:
 
     @classmethod
     def of(cls, family: LimitFamily) -> LimitKinds:
-        """Sort the limits of a family."""
+        """Return the kinds of limits of a family."""
         accelerations, rates = family.of_order(2), family.of_order(3)
         further = any(family[key].limit is not None for key in (*accelerations, *rates))
         return cls(
@@ -82,12 +81,12 @@ class LimitKinds:
 
     @property
     def numbers(self) -> int:
-        """Count of numbers at a place."""
+        """Number of coefficients at a place."""
         return self.joints * (4 + TORQUE_PARTS * self.dynamics)
 
     @property
     def further(self) -> tuple[str, ...]:
-        """Keys of the limits that have expressions of their own."""
+        """Keys of the limits with expressions of their own."""
         if self.family is None:
             return ()
         keys = (*self.of_acceleration, *self.of_rates)
@@ -96,7 +95,7 @@ class LimitKinds:
 
 @dataclass(frozen=True, eq=False)
 class LimitBounds:
-    """Bounds [k] of the rows of a place, and the sizes by which they are divided."""
+    """Bounds [k] of the rows of a place, divided by their magnitudes."""
 
     lower: FloatArray
     upper: FloatArray
@@ -104,7 +103,7 @@ class LimitBounds:
 
     @classmethod
     def of(cls, family: LimitFamily, keys: Sequence[str], usual: dict[str, Any]) -> LimitBounds:
-        """Give the bounds of the rows of limits; ``usual`` tells the size of varying ones."""
+        """Return the bounds of the rows of limits; ``usual`` scales those that vary."""
         parts: list[tuple[FloatArray, ...]] = [(np.zeros(0),) * 3]
         for key in keys:
             member = family[key]
@@ -119,13 +118,13 @@ class LimitBounds:
 
 
 def _sides(member: Member) -> tuple[str, ...]:
-    """Name the bounds of a varying limit: a row for each says how far the value is from it."""
+    """Return the names of the finite bounds of a varying limit, each of which has its own row."""
     bounds = {"lower": member.lower, "upper": member.upper}
     return tuple(side for side, bound in bounds.items() if not np.isinf(bound).all())
 
 
 def _finite_size(bounds: FloatArray) -> FloatArray:
-    """Give the largest finite magnitude [k] of bounds [m,k]; 1 where there is none."""
+    """Return the largest finite magnitude [k] of bounds [m,k]; 1 if there is none."""
     size = np.where(np.isfinite(bounds), np.abs(bounds), 0.0).max(axis=0)
     return np.where(size > 0.0, size, 1.0)
 
@@ -134,7 +133,7 @@ def _finite_size(bounds: FloatArray) -> FloatArray:
 class _Kernel:
     """Values, Jacobian entries and Hessian entries of one interval, or of one mesh point.
 
-    ``used`` says which of the numbers at its places it depends on.
+    ``used`` holds the indices of the coefficients on which they depend.
     """
 
     values: ca.Function
@@ -175,7 +174,7 @@ class _Kernel:
 
 @lru_cache(maxsize=16)
 def kernels(kinds: LimitKinds, fast: bool) -> tuple[_Kernel, _Kernel]:
-    """Make the kernels of a mesh point and of an interval.
+    """Return the kernels of a mesh point and of an interval.
 
     Raises
     ------
@@ -184,12 +183,12 @@ def kernels(kinds: LimitKinds, fast: bool) -> tuple[_Kernel, _Kernel]:
     """
     if kinds.family is None:
         return _kernels_of(ca.SX, kinds, fast)
-    for symbol in (ca.SX, ca.MX):  # a table or a spline is no SX
+    for symbol in (ca.SX, ca.MX):  # a table or a spline has no SX form
         try:
             return _kernels_of(symbol, kinds, fast)
         except deadline.Over:
             raise
-        except Exception as error:  # the expression is the user's
+        except Exception as error:  # a user's expression may raise anything
             problem = error
     names = ", ".join(repr(kinds.family[key].name) for key in kinds.further)
     reason = str(problem).strip().splitlines()[-1:] or [type(problem).__name__]
@@ -202,9 +201,9 @@ def kernels(kinds: LimitKinds, fast: bool) -> tuple[_Kernel, _Kernel]:
 def _kernels_of(symbol: Any, kinds: LimitKinds, fast: bool) -> tuple[_Kernel, _Kernel]:
     """Write the rows of docs/theory/path_timing.md, "One program on places".
 
-    An interval has v = s' and a = s'' at its start, its time h, v and a at its end, and d, by
-    which s''' changes evenly in it. With a constant s''' a limited rate would be met at one of its
-    ends alone, which costs in proportion to the length of the intervals.
+    An interval has v = s' and a = s'' at both ends, its time h, and d, the linear change of s''' in
+    it. A constant s''' would meet a limited rate at one end of the interval only, an error of first
+    order in its length.
     """
     one, three = kinds.of_acceleration, kinds.of_rates
     rows = kinds.joints, kinds.numbers
@@ -215,8 +214,9 @@ def _kernels_of(symbol: Any, kinds: LimitKinds, fast: bool) -> tuple[_Kernel, _K
     w, numbers = symbol.sym("w", 6), symbol.sym("numbers", 3 * rows[1] + 1)
     v, a, h, v_end, a_end, d = (w[k] for k in range(6))
     start, end, middle = (numbers[k * rows[1] : (k + 1) * rows[1]] for k in range(3))
-    # s''' = j - d/2 + d x at a share x of the interval, j its mean. Integrated from the start:
-    # s'' = a + h (j x - d x (1 - x) / 2), and from that s' and s, here at 1/2, 1 and 1.
+    # Equation (8): s''' = j + d (x - 1/2) at a share x of the interval, with the mean j, and s'' =
+    # a + h (j x - d x (1 - x) / 2). Equations (9) and (10): v and s at its end, v and a in the
+    # middle.
     j = (a_end - a) / h
     a_middle = 0.5 * (a + a_end) - h * d / 8.0
     v_middle = v + h * (3.0 * a + a_end) / 8.0 - h**2 * d / 24.0
@@ -229,19 +229,21 @@ def _kernels_of(symbol: Any, kinds: LimitKinds, fast: bool) -> tuple[_Kernel, _K
         _limit_rows(kinds, three, end, common, (v_end, a_end, j + 0.5 * d)),
         _limit_rows(kinds, three, middle, common, (v_middle, a_middle, j)),
         _limit_rows(kinds, one, middle, common, (v_middle, a_middle, 0.0)),
+        # The speed at the thirds: at the middle alone, s'' would keep a constant error on an arc at
+        # the velocity limit.
         *(
             v + h * x * (a + h * x * (0.5 * (j - 0.5 * d) + x * d / 6.0))
             for x in PROGRAM.speed_places
         ),
     )
-    # the integral of the squared s'''
+    # Integral of the squared s''' over the interval: h (j^2 + d^2 / 12).
     rough = h * (j**2 + d**2 / 12.0)
     cost = h + PROGRAM.smoothing * rough
     return point, _Kernel.of(w, numbers, common, values, cost, fast)
 
 
 def common_size(kinds: LimitKinds) -> int:
-    """Count the numbers that all places share."""
+    """Count the coefficients that all places share."""
     family = kinds.family
     sizes = 0
     for key in (*kinds.of_acceleration, *kinds.of_rates):
@@ -254,14 +256,15 @@ def common_size(kinds: LimitKinds) -> int:
 def _limit_rows(
     kinds: LimitKinds, keys: Sequence[str], numbers: Any, common: Any, motion: tuple[Any, Any, Any]
 ) -> Any:
-    """Give the values of limits at a place, by the sizes of their bounds.
+    """Return the values of limits at a place, divided by the magnitudes of their bounds.
 
-    ``motion`` is s', s'' and s''' in the program's unit of time, the first common number.
+    ``motion`` is s', s'' and s''' in the program's unit of time, the first common coefficient.
     """
     n, unit = kinds.joints, common[0]
     parts = [numbers[k * n : (k + 1) * n] for k in range(numbers.shape[0] // n)]
     v, a, j = (rate / unit**k for k, rate in enumerate(motion, start=1))
     q, tangent, curvature, bend = parts[:4]
+    # Equations (5) to (7).
     qd = tangent * v
     qdd = tangent * a + curvature * v**2
     qddd = tangent * j + 3.0 * curvature * v * a + bend * v**3
@@ -302,7 +305,7 @@ def _limit_rows(
 
 @lru_cache(maxsize=16)
 def _given_torques(n: int) -> ca.Function:
-    """Return torques and their rates as they are given, one argument a number."""
+    """Return a function that passes on given torques and rates, one argument per number."""
     state = [ca.SX.sym(name, n) for name in ("q", "qd", "qdd", "qddd")]
     torques = [ca.SX.sym(f"torque_{k}") for k in range(2 * n)]
     return ca.Function(
@@ -312,7 +315,7 @@ def _given_torques(n: int) -> ca.Function:
 
 @dataclass(frozen=True, eq=False)
 class PlacesProgram:
-    """All rows and their derivatives on a number of intervals, numbers at places as parameters."""
+    """All rows and their derivatives on some intervals; coefficients at places are parameters."""
 
     x: ca.MX
     p: ca.MX
@@ -320,12 +323,12 @@ class PlacesProgram:
     cost: ca.MX
     slope: ca.MX
     entries: ca.MX
-    places: tuple[np.ndarray, np.ndarray]  # rows and columns of the entries of the Jacobian
+    places: tuple[np.ndarray, np.ndarray]  # rows and columns of the Jacobian's entries
     hessian: ca.Function
-    used: tuple[np.ndarray, np.ndarray]  # numbers that a mesh point and an interval depend on
+    used: tuple[np.ndarray, np.ndarray]  # coefficients of a mesh point and of an interval
 
     def solver(self, rows: np.ndarray, barrier: float, linear_solver: str) -> ca.Function:
-        """Make IPOPT on some of the rows."""
+        """Build IPOPT for some of the rows, with cached derivative functions."""
         height, width = self.g.shape[0], self.x.shape[0]
         new = np.full(height, -1)
         new[rows] = np.arange(rows.size)
@@ -385,12 +388,12 @@ class PlacesProgram:
 def program_of(kinds: LimitKinds, n: int, breaks: tuple[int, ...], fast: bool) -> PlacesProgram:
     """Assemble the program on n intervals.
 
-    Its unknowns are s' at the n + 1 places; s'' there, and once more from the left at those places
-    at which s'' may jump (``breaks``); the times of the intervals; the changes of s''' in them.
-    Its rows are those of the limits, one place after the other, then those of the intervals.
+    The unknowns are s' at the n + 1 places; s'' there, and once more from the left at places where
+    s'' may jump (``breaks``); the times of the intervals; the changes of s''' in them. The rows are
+    those of the limits, place by place, followed by those of the intervals.
     """
     point, interval = kernels(kinds, fast)
-    count = n + 1 + len(breaks)  # of s''
+    count = n + 1 + len(breaks)  # number of unknowns s''
     x = ca.MX.sym("x", n + 1 + count + 2 * n)
     after, i = n + 1 + count, np.arange(n)
     right = np.arange(1, n + 1)
@@ -429,6 +432,8 @@ def program_of(kinds: LimitKinds, n: int, breaks: tuple[int, ...], fast: bool) -
         r, c = kernel.hessian
         bend_places.append(np.sort([places[r].ravel("F"), places[c].ravel("F")], axis=0))
         first += height * width
+    # Intervals share unknowns at mesh points, so Hessian entries of several kernels add up in one
+    # place: ``gather`` is the matrix of ones that sums them.
     at_rows, at_columns = np.hstack(bend_places)
     unique, which = np.unique(at_columns * x.shape[0] + at_rows, return_inverse=True)
     gather = ca.DM.triplet(
@@ -450,5 +455,5 @@ def program_of(kinds: LimitKinds, n: int, breaks: tuple[int, ...], fast: bool) -
 
 
 def _mapped(kernel: ca.Function, count: int) -> ca.Function:
-    """Map a kernel over places, of which all have the same common numbers."""
+    """Return a kernel mapped over places with common coefficients."""
     return kernel.map("places", "serial", count, [2], [])

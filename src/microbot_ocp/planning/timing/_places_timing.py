@@ -1,16 +1,15 @@
-"""The best timing of a curve under limits of any form, from that of the reachability passes.
+"""The best timing of a curve under limits of any form, from the result of the reachability passes.
 
-The mesh points are places on the path, where every number that a limit follows from is known before
-the solver starts (docs/theory/path_timing.md, "One program on places"); the unknowns are s', s''
-and the time that each interval takes, in which s''' changes evenly. The mesh becomes finer until
-all limits hold between its points and the duration no longer changes. After Debrouwere et al.,
-"Time-optimal path following for robots with convex-concave constraints using sequential convex
-programming", IEEE T-RO 29(6), 2013, with the time of every interval as an unknown: near a stop s'
-is no smooth function of s.
+Mesh points are places on the path, where every coefficient of a limit is known before the solver
+starts (docs/theory/path_timing.md, "One program on places"). The unknowns are s', s'' and the time
+of each interval, in which s''' is linear. The mesh is refined until all limits hold between its
+points and the duration settles. After Debrouwere et al., "Time-optimal path following for robots
+with convex-concave constraints using sequential convex programming", IEEE T-RO 29(6), 2013, with
+the time of every interval as an unknown: near a stop s' is not a smooth function of s.
 
-Dry friction turns over within 0.02 rad/s, and a tight limit of the torque rate may leave no start
-near that: where the program fails, or leaps over the place, friction turns more gently in a first
-one, and from program to program faster.
+Dry friction reverses within 0.02 rad/s, and a tight limit of the torque rate may leave no feasible
+start near that. If the program fails, or violates limits between the mesh points at a reversal, a
+continuation follows: a first program smooths the friction more, later ones less and less.
 """
 
 from __future__ import annotations
@@ -56,26 +55,22 @@ class PlacesSettings:
 
     Attributes
     ----------
-    first_barrier, finer_barrier, gentle_barrier : of a first solve, of one from a coarser mesh, and
-        of one from dry friction that turns less suddenly
-    linear_solvers : in turn: without pivots factors are cheap, but their rounding may hide negative
-        curvature
-    most_meshes : solves on finer meshes at most
-    settled : relative change of the duration from mesh to mesh that ends the refinement
-    most_parts : of an interval from one mesh to the next
-    aimed : ratio of the accepted excess that the next mesh goes for; the excess falls with the
-        third power of the intervals
-    sudden : ratio of the excess of a part to that of the whole from which more parts are needed at
-        once
-    most_loss : ratio of the losses at jumps of s''' that the next mesh goes for: a tenth of all
-        intervals has it
-    leapt : excess of a limit from which a profile is taken to leap over a place where dry friction
-        turns
-    usual : percentile of the accelerations at which joints turn back, as the start has it
-    sharper, least_sharper : factor from one smoothing of dry friction to the next, and the least,
-        tried where solvers fail
-    turned : smoothings: velocity at which the friction has all but turned
-    step : smoothings: change of velocity in an interval while the friction turns
+    first_barrier : barrier parameter of the first solve
+    finer_barrier : barrier parameter of a solve from a coarser mesh
+    gentle_barrier : barrier parameter of a solve from smoother dry friction
+    linear_solvers : linear solvers, tried in turn
+    most_meshes : largest number of solves on finer meshes
+    settled : relative change of the duration between meshes that ends the refinement
+    most_parts : largest number of parts of an interval on the next mesh
+    aimed : target excess of the next mesh, per accepted excess
+    sudden : ratio of a part's excess to its parent's from which the part is divided fully
+    most_loss : share of the estimated loss at jumps of s''' that the next mesh resolves
+    missed_reversal : relative excess above which a profile has missed a friction reversal
+    usual : percentile of the accelerations that represents those at reversals
+    sharper : factor between successive smoothings of dry friction
+    least_sharper : smallest factor between successive smoothings
+    turned : velocity from which friction is constant, per smoothing
+    step : largest change of velocity in an interval of a reversal, per smoothing
     """
 
     first_barrier: float = 1e-3
@@ -88,7 +83,7 @@ class PlacesSettings:
     aimed: float = 0.5
     sudden: float = 0.5
     most_loss: float = 0.8
-    leapt: float = 0.1
+    missed_reversal: float = 0.1
     usual: float = 90.0
     sharper: float = 2.0
     least_sharper: float = 1.08
@@ -101,21 +96,21 @@ PLACES = PlacesSettings()
 
 @dataclass(frozen=True, eq=False)
 class SpeedProfile:
-    """How a curve is travelled: s' and s'' at places s; s''' is linear in time in between.
+    """Speed profile of a curve: s' and s'' at places s; s''' is linear in time between them.
 
     Attributes
     ----------
     curve : PathCurve
     s, v, t : arrays [N+1]
-        Places, s', and the times at which they are passed, s.
+        Places, s' there, and the times of passing them, s.
     a, a_end : arrays [N]
-        s'' at the start and at the end of every interval; it jumps at breaks of the path at most.
+        s'' at the start and at the end of every interval; jumps only at breaks of the path.
     d : array [N]
-        By how much s''' changes within each interval.
+        Change of s''' within each interval.
     gap : float
-        How much longer it takes than the local optimum, at most, s.
+        Bound on the difference of the duration to the local optimum, s.
     attempts : tuple of Attempt
-        Solves that led to it.
+        Solves that led to the profile.
     """
 
     curve: PathCurve
@@ -130,7 +125,7 @@ class SpeedProfile:
 
     @classmethod
     def of(cls, curve: PathCurve, timing: Reached) -> SpeedProfile:
-        """Make the acceleration of the parameter of a timing continuous."""
+        """Return the profile of a timing, with s'' averaged to be continuous."""
         rise = timing.start
         a = 0.5 * (np.append(rise, rise[-1]) + np.append(rise[0], rise))
         v = np.sqrt(timing.speed_squared)
@@ -138,16 +133,16 @@ class SpeedProfile:
 
     @property
     def duration(self) -> float:
-        """Time from end to end, s."""
+        """Duration, s."""
         return float(self.t[-1])
 
     @property
     def solved(self) -> bool:
-        """Whether the last solve converged."""
+        """True if the last solve converged."""
         return bool(self.attempts) and self.attempts[-1].status.solved
 
     def inside(self, i: np.ndarray, after: FloatArray) -> tuple[FloatArray, ...]:
-        """Give the parameter and its three derivatives at times since the start of intervals i."""
+        """Return s and its three derivatives at times after the start of intervals i."""
         h, a, d = np.diff(self.t)[i], self.a[i], self.d[i]
         j, k = (self.a_end[i] - a) / h - 0.5 * d, after * d / h
         v = self.v[i] + after * (a + after * (j / 2.0 + k / 6.0))
@@ -155,12 +150,12 @@ class SpeedProfile:
         return s, v, a + after * (j + k / 2.0), j + k
 
     def samples(self, i: np.ndarray, after: FloatArray) -> MotionSamples:
-        """Give the motion of the joints at times since the start of intervals i."""
+        """Return the motion of the joints at times after the start of intervals i."""
         s, *rates = self.inside(i, after)
         return samples_along(self.curve.inside(s, i, self.s, highest=3), rates)
 
     def at_times(self, t: FloatArray) -> SpeedProfile:
-        """Give the same motion more mesh points, at times among which are those that it has."""
+        """Return the profile with more mesh points, at times that include the present ones."""
         i = np.clip(np.searchsorted(self.t, t[:-1], side="right") - 1, 0, self.t.size - 2)
         s, v, a, _ = self.inside(i, t[:-1] - self.t[i])
         s = np.clip(s, self.s[i], self.s[i + 1])
@@ -171,9 +166,10 @@ class SpeedProfile:
         return replace(self, s=s, v=v, t=t, a=a, a_end=a_end, d=d)
 
     def without_gaps(self) -> SpeedProfile:
-        """Integrate s'' anew from one end to the other.
+        """Integrate s'' anew from the start, and scale s to the length of the curve.
 
-        Divided by the third power of a short step a gap of 1e-11 in s would be a jerk.
+        The solver's residual of 1e-11 in s, divided by the third power of a short step, would be a
+        visible jerk.
         """
         h, a, b, d = np.diff(self.t), self.a, self.a_end, self.d
         v = self.v[0] + np.append(0.0, np.cumsum(0.5 * h * (a + b) - h**2 * d / 12.0))
@@ -187,7 +183,7 @@ class SpeedProfile:
 def timed_on_places(
     family: LimitFamily, start: SpeedProfile, tolerance: float, fast: bool, progress: StepProgress
 ) -> SpeedProfile:
-    """Find the fastest profile of a curve, on a mesh that is refined until all limits hold inside.
+    """Find the fastest profile of a curve on a mesh that is refined until all limits hold inside.
 
     docs/theory/path_timing.md, "One program on places".
 
@@ -198,14 +194,14 @@ def timed_on_places(
     tolerance : float
         Largest relative excess of a limit between mesh points.
     fast : bool
-        Whether functions are compiled.
+        Compile functions.
     progress : callable
     """
     profile = _Timing(family, start, fast).solved(PLACES.first_barrier)
     excess = excess_of(family, profile)
     smoothing = _first_smoothing(family, start)
-    leaps = not profile.solved or float(excess.max()) > PLACES.leapt
-    has_friction = smoothing > COULOMB_SMOOTHING and leaps
+    overshoots = not profile.solved or float(excess.max()) > PLACES.missed_reversal
+    has_friction = smoothing > COULOMB_SMOOTHING and overshoots
     if has_friction and not deadline.over():
         profile = _with_friction(family, start, fast, smoothing)
         excess = excess_of(family, profile)
@@ -239,9 +235,9 @@ def timed_on_places(
 
 
 def _switching(profile: SpeedProfile) -> np.ndarray:
-    """Tell in which intervals [N] s''' jumps: where most of what the mesh costs is lost.
+    """Return a mask [N] of intervals with a jump of s''', which cause most of the mesh's loss.
 
-    What a jump inside an interval costs grows with its size and the square of the interval.
+    The loss by a jump inside an interval is proportional to the jump and the squared interval.
     """
     h = np.diff(profile.t)
     mean = (profile.a_end - profile.a) / h
@@ -255,10 +251,11 @@ def _switching(profile: SpeedProfile) -> np.ndarray:
 
 
 def _parts_for(excess: FloatArray, parents: FloatArray) -> np.ndarray:
-    """Tell how many parts of each interval [N] keep a limit exceeded by so many tolerances.
+    """Return the number of parts of each interval [N] from its excess, per accepted excess.
 
-    Where the excess is hardly less than that of the interval that it is a part of, which is to say
-    where a torque goes to its limit faster than an interval lasts, as many as there may be.
+    The excess falls with the third power of the step, so the count is a cube root. If a part has
+    hardly less excess than its parent, a torque switches faster than the mesh resolves, and the
+    part is divided as finely as allowed.
     """
     parts = np.where(
         (excess > 1.0) & (excess > PLACES.sudden * parents),
@@ -271,7 +268,7 @@ def _parts_for(excess: FloatArray, parents: FloatArray) -> np.ndarray:
 def _with_friction(
     family: LimitFamily, start: SpeedProfile, fast: bool, smoothing: float
 ) -> SpeedProfile:
-    """Find a profile for dry friction of its own suddenness, by way of gentler ones."""
+    """Find a profile for the robot's dry friction by continuation from smoother friction."""
     profile, barrier, last, sharper = start, PLACES.first_barrier, np.inf, PLACES.sharper
     widest = float(np.abs(start.curve.evaluate(start.s)[1] * start.v[:, None]).max())
     while True:
@@ -281,7 +278,7 @@ def _with_friction(
         if closer.solved:
             last, barrier = smoothing, PLACES.gentle_barrier
         elif np.isfinite(last):
-            sharper = np.sqrt(sharper)  # less at a time
+            sharper = np.sqrt(sharper)  # a smaller step of the continuation
         ended = last == COULOMB_SMOOTHING or smoothing > widest or sharper < PLACES.least_sharper
         if ended or deadline.over():
             return profile
@@ -290,9 +287,10 @@ def _with_friction(
 
 
 def _first_smoothing(family: LimitFamily, start: SpeedProfile) -> float:
-    """Give a velocity, rad/s (m/s), within which dry friction may turn for the start to be good.
+    """Return the velocity, rad/s (m/s), within which friction may reverse in a feasible start.
 
-    There the friction alone all but keeps the limits of the torque rate. Not less than the robot's.
+    A reversal at the acceleration qdd changes the torque at the rate ``dry * qdd / velocity``,
+    which must not exceed the limited torque rate. The result is at least the robot's own smoothing.
     """
     limits, dry = family.robot.limits, dry_friction(family.robot)
     limit = np.minimum(limits.taud_max, -limits.taud_min)
@@ -308,7 +306,7 @@ def _first_smoothing(family: LimitFamily, start: SpeedProfile) -> float:
 def _closer_at_reversals(
     family: LimitFamily, profile: SpeedProfile, smoothing: float
 ) -> SpeedProfile:
-    """Give the same motion more mesh points where the dry friction of a joint turns."""
+    """Return the profile with more mesh points at reversals of joints with dry friction."""
     dry = dry_friction(family.robot) > 0
     if "taud" not in family or not dry.any():
         return profile
@@ -322,7 +320,7 @@ def _closer_at_reversals(
 
 
 def excess_of(family: LimitFamily, profile: SpeedProfile) -> FloatArray:
-    """Give the largest relative excess [N,K] of any limit at K places of every interval."""
+    """Return the largest relative excess [N,K] of any limit at K places of every interval."""
     shares = np.linspace(0.0, 1.0, CHECKS_PER_INTERVAL + 1)
     steps = np.diff(profile.t)
     i = np.repeat(np.arange(steps.size), shares.size)
@@ -331,10 +329,10 @@ def excess_of(family: LimitFamily, profile: SpeedProfile) -> FloatArray:
 
 
 class _Timing:
-    """The nonlinear program of one curve on given places.
+    """Nonlinear program of one curve on given places.
 
-    Its unit of time is that in which the start accelerates to its largest speed, its unit of s
-    what it travels at that speed in it.
+    The unit of time is that in which the start accelerates to its largest speed; the unit of s is
+    the distance covered at that speed in that time.
     """
 
     def __init__(
@@ -352,7 +350,7 @@ class _Timing:
         self.kinds = LimitKinds.of(family)
         n, robot = start.a.size, family.robot
         self.breaks = np.zeros(0, dtype=int)
-        if not family.jerk_matters:  # there the curvature, and with it s'', may jump
+        if not family.jerk_matters:  # the curvature, and with it s'', may jump at breaks
             self.breaks = np.flatnonzero(np.isin(start.s, curve.breaks[1:-1]))
         i, h = np.arange(n), np.diff(start.t)
         middle, *inner = (
@@ -392,26 +390,27 @@ class _Timing:
         )
 
     def solved(self, barrier: float, bent: bool = False) -> SpeedProfile:
-        """Solve; with another linear solver from the start where the first one fails.
+        """Solve the program; retry with another linear solver if the first one fails.
 
-        Without limits of rates s'' is linear in every interval unless it may be ``bent``.
+        Factors of the first linear solver, without pivots, are cheap, but rounding may hide
+        negative curvature. Without limits of rates s'' is linear in every interval unless ``bent``.
         """
         begin = time.perf_counter()
         n, start = self.start.a.size, self.start
-        # s, and its derivatives, in the units of the program
+        # Units of s', s'' and s''' in the program.
         v, a, j = (self.unit / self.time**k for k in (1, 2, 3))
         count = n + 1 + self.breaks.size
         points = np.concatenate([start.a, start.a_end[-1:], start.a_end[self.breaks - 1]])
         h = np.maximum(np.diff(start.t), 1e-12 * self.time) / self.time
         x = np.concatenate([start.v / v, points / a, h, start.d / j])
         free, none = np.full(count, np.inf), np.full(n, np.inf)
-        # from a start that breaks limits a bent s'' would leap over them, between the few places at
-        # which they hold
+        # An infeasible start with a free d would overshoot limits between the few places at which
+        # they are rows.
         bend = none if bent or self.family.jerk_matters else 0.0 * h
         low = np.concatenate([np.zeros(n + 1), -free, np.full(n, 1e-12), -bend])
         high = np.concatenate([self.speed, free, none, bend])
         for at, is_free in zip((0, n), self.free, strict=True):
-            if not is_free:  # else the arm rests there whatever s' and s'' are
+            if not is_free:  # at a free end the vanishing tangent keeps the arm at rest
                 low[at] = high[at] = 0.0
                 if self.family.jerk_matters:
                     low[n + 1 + at] = high[n + 1 + at] = 0.0
@@ -431,7 +430,7 @@ class _Timing:
             begin = time.perf_counter()
             lam = [np.array(answer[key]).ravel() for key in ("lam_x", "lam_g")]
             bounds = Bounds(low, high, lower[rows], upper[rows])
-            # by the solver's own multipliers: what is left of the slope is not counted
+            # The solver's own multipliers leave its dual residual out of the gap.
             gap = gap_of(bounds, x, values, np.zeros(1), np.concatenate(lam)).total
             if attempts[-1].status.solved or deadline.over():
                 break
@@ -453,7 +452,7 @@ class _Timing:
         )
 
     def _bounds(self, n: int, count: int) -> tuple[FloatArray, FloatArray]:
-        """Give the bounds of all rows, in the order of the program."""
+        """Return the bounds of all rows, in the order of the program."""
         sides = []
         for side, speed in (("lower", np.full(2 * n, -np.inf)), ("upper", self.inner_speed)):
             of_point, of_rate = (
@@ -479,15 +478,15 @@ class _Timing:
         )
 
 
-# numbers at places --------------------------------------------------------------------------
+# coefficients at places -------------------------------------------------------------------------
 
 
 def _numbers(
     kinds: LimitKinds, robot: Robot, shape: Sequence[FloatArray], unit: float, fast: bool
 ) -> FloatArray:
-    """Give the numbers [N,K] that limits at places follow from, for s in this unit.
+    """Return the coefficients [N,K] of limits at places, for s in the given unit.
 
-    ``shape`` is the pose and its three derivatives there, each [N,n].
+    ``shape`` holds the pose and its three derivatives by s, each [N,n].
     """
     parts = [derivative * unit**k for k, derivative in enumerate(shape)]
     if kinds.dynamics:
@@ -496,11 +495,11 @@ def _numbers(
 
 
 def _torques(robot: Robot, shape: Sequence[FloatArray], fast: bool) -> tuple[FloatArray, ...]:
-    """Give the torque per s'', per s'^2 and at rest without friction, and their slopes along s.
+    """Return m, c and g of equation (6) without friction, and their slopes along s, each [N,n].
 
-    ``shape`` is the pose and its three derivatives, each [N,n].
-    From states with (s', s'') of (1, 0), (2, 0) and (1, 1), without s''': of the torque
-    ``m s'' + c s'^2 + g`` and its rate ``(m' + 2 c) s' s'' + c' s'^3 + g' s'``.
+    ``shape`` holds the pose and its three derivatives by s, each [N,n]. Three calls of the torque
+    ``m s'' + c s'^2 + g`` and its rate ``(m' + 2 c) s' s'' + c' s'^3 + g' s'`` determine them:
+    for (s', s'') of (1, 0), (2, 0) and (1, 1), with s''' = 0.
     """
     q, tangent, curvature, bend = shape
     call = _rates(robot, len(q), fast)
