@@ -1,9 +1,9 @@
-"""The free motion as a problem in time, and what a search for it starts from.
+"""The free motion as a problem in time, and the initial guesses of a search.
 
-Comes in: a family of limits and via points. Goes out: the problem, initial guesses, and motions
-that keep every limit without a search. Begin with ``_problem.py``, the problem with states, and
-``_flat_program.py``, the same without; ``_initial_guesses.py`` and ``_within_limits.py`` are the
-two kinds of starts, ``_least_violation.py`` says what has to give, ``_switching.py`` solves for
+Input: a family of limits and via points. Output: the problem, initial guesses, and motions within
+all limits that need no search. ``_problem.py`` states the problem with states, ``_flat_program.py``
+without. Guesses come from ``_initial_guesses.py`` and ``_within_limits.py``.
+``_least_violation.py`` finds the limits of an infeasible task, ``_switching.py`` solves for
 switching times.
 """
 

@@ -1,7 +1,7 @@
 """The flat program for a solver: values and derivatives of its rows and cost.
 
-They are worked out in arrays, for all points at once, and handed to CasADi as functions.
-Equations: docs/theory/flat.md.
+Arrays hold all points at once, and CasADi receives them as functions. Equations:
+docs/theory/flat.md.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from microbot_ocp.planning.free._spline import PLACES, SLOPES, IntArray
 
 
 class FlatEvaluation:
-    """Values and derivatives of a flat program at scaled unknowns; the last ones are kept."""
+    """Values and derivatives of a flat program at scaled unknowns, cached for the last unknowns."""
 
     def __init__(self, structure: FlatStructure, form: Form, payloads: FloatArray) -> None:
         rows = structure.rows
@@ -47,7 +47,8 @@ class FlatEvaluation:
         self._motion = order, point, joint
         self._motion_scale = form.scales.motion[order, joint]
         self._limits = np.nonzero(rows.at_points >= 0)
-        self._rated = np.flatnonzero((rows.of_rates >= 0).any(axis=1))  # starts and middles
+        # Rates belong to the starts and to the middles of intervals, alternately.
+        self._rated = np.flatnonzero((rows.of_rates >= 0).any(axis=1))
         self._inside = self._rated[::2, None] + np.arange(PLACES.size)
         typical = form.scales.durations[rows.phase[self._rated]]
         self._rate_factor = typical[:, None] / form.scales.change[form.torques]
@@ -66,7 +67,7 @@ class FlatEvaluation:
         self._at, self._known = key, {}
 
     def _called(self, name: str, weights: FloatArray | None = None) -> list[FloatArray]:
-        """Return outputs of functions of the limits at all points, until the next call."""
+        """Return the outputs of a limit function at all points; valid until the next call."""
         parts = [group.called(name, self._q, weights) for group in self._groups]
         if len(parts) == 1:
             return parts[0]
@@ -115,7 +116,7 @@ class FlatEvaluation:
         return g
 
     def jacobian(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return values of the rows and the nonzeros of their Jacobian."""
+        """Return the values of the rows and the nonzeros of their Jacobian."""
         self._move(x)
         self._with_slopes()
         entries = np.zeros(self._jacobian_scale.size)
@@ -142,8 +143,11 @@ class FlatEvaluation:
             values, slopes = self._known["values"], self._known["slopes"]
             spans = self._T[rows.phase[self._rated]][:, None]
             of_rates[self._rated] = lam[rates].reshape(spans.size, -1) * self._rate_factor / spans
+            # Weights of rates act on the torques by the transpose of the difference.
             of_torques = SLOPES.T @ of_rates[self._inside[:, :2]]
-            for place, points in enumerate(self._inside.T):  # each point once
+            # A mesh point is in two intervals, but an in-place addition of numpy counts a repeated
+            # index once: one place at a time has distinct points.
+            for place, points in enumerate(self._inside.T):
                 weights[np.ix_(points, form.torques)] += of_torques[:, place]
         of_jerks[self._jerks] = lam[jerks] / form.scales.jerk[self._jerks[1]]
         gradient, blocks = self._called("curvature", weights)
@@ -159,7 +163,7 @@ class FlatEvaluation:
 
 
 class _LimitsInPlace:
-    """Functions of the same limits at some points of a program."""
+    """Limit functions of one or more phases, at some points of a program, in their own memory."""
 
     def __init__(self, points: Any, limits: PointLimits, payload: FloatArray) -> None:
         self.points, self._limits = points, limits
@@ -180,7 +184,7 @@ class _LimitsInPlace:
 
 
 def _phases_with(rows: FlatRows) -> list[tuple[Any, PointLimits]]:
-    """Return points of phases with the same limits, and these."""
+    """Return each distinct set of limits with the points of its phases."""
     groups: dict[int, list[int]] = {}
     for k, limits in enumerate(rows.limits):
         groups.setdefault(id(limits), []).append(k)
@@ -193,7 +197,7 @@ def _phases_with(rows: FlatRows) -> list[tuple[Any, PointLimits]]:
 
 
 class _ArrayFunction(ca.Callback):
-    """A function of arrays as one of CasADi's, by the sparsities of its inputs and outputs."""
+    """A numpy function as a CasADi function, by the sparsities of its inputs and outputs."""
 
     def __init__(
         self,
@@ -231,7 +235,7 @@ class _ArrayFunction(ca.Callback):
 
 @dataclass(frozen=True, eq=False)
 class FlatStructure:
-    """What a program is by its meshes and kinds of limits alone.
+    """Structure of a program, a function of its meshes and kinds of limits alone.
 
     Attributes
     ----------
@@ -251,7 +255,7 @@ class FlatStructure:
         return np.array(self.jacobian.row()), np.array(self.jacobian.get_col())
 
     def along(self, entries: FloatArray, multipliers: FloatArray) -> FloatArray:
-        """Return the transpose of the Jacobian with these entries times multipliers."""
+        """Return the product of the transposed Jacobian, with these entries, and multipliers."""
         row, column = self.of_jacobian
         weights, size = entries * multipliers[row], self.jacobian.size2()
         return np.bincount(column, weights, size).astype(float, copy=False)
@@ -270,7 +274,7 @@ class FlatProgram(Program):
     ----------
     structure : FlatStructure
     evaluation : FlatEvaluation
-        With the scales.
+        Evaluation of rows and cost, with the scales.
     """
 
     structure: FlatStructure = None  # pyright: ignore[reportAssignmentType]
@@ -278,11 +282,11 @@ class FlatProgram(Program):
 
     @property
     def scales(self) -> Scales:
-        """What the program is divided by."""
+        """Units of the program's unknowns and rows."""
         return self.evaluation.form.scales
 
     def time_of(self, label: Label, x: FloatArray) -> float:
-        """Return when a row or variable stands at x, s since the start of its phase."""
+        """Return the time of a row or variable at x, s since the start of its phase."""
         names = [layout.phase.name for layout in self.layouts]
         k = names.index(label.phase)
         scales, layout = self.scales, self.structure.rows.layout
@@ -298,20 +302,18 @@ class FlatProgram(Program):
         return self.evaluation.cost(x)
 
     def stationarity(self, x: FloatArray, multipliers: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the gradient of the cost and the rows with their multipliers, and the rows."""
+        """Return the gradient of the Lagrangian, and the values of the rows."""
         slope, rows, entries = self.slopes(x)
         return slope + self.structure.along(entries, multipliers), rows
 
     def slopes(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the gradient of the cost, the values of the rows and the nonzeros of their
-        Jacobian.
-        """
+        """Return the gradient of the cost, the values of the rows and their Jacobian's nonzeros."""
         rows, entries = self.evaluation.jacobian(x)
         return self.evaluation.gradient(x)[1], rows, entries
 
 
 def functions_of(structure: FlatStructure, evaluation: FlatEvaluation) -> dict[str, ca.Function]:
-    """Return a flat program's functions as solvers ask for them."""
+    """Return the functions of a flat program by the names that solvers use."""
     size, height = structure.rows.layout.size, structure.rows.height
     dense = ca.Sparsity.dense
     x, p, one, g = dense(size), dense(0), dense(1), dense(height)

@@ -1,4 +1,4 @@
-"""Where one phase stands in a flat program: its motion, and the names of its rows and unknowns."""
+"""One phase of a flat program: its motion, and the names of its rows and unknowns."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from microbot_ocp.planning.free._spline import IntArray, SplineLayout
 
 @dataclass(frozen=True, eq=False)
 class FlatLayout:
-    """Where one phase stands in a flat program.
+    """One phase of a flat program.
 
     Attributes
     ----------
     phase : Phase
     mesh : array [N+1]
     index : int
-        Of the phase.
+        Index of the phase.
     rows_of_all : FlatRows
     scales : Scales
     family : LimitFamily
     start : array [n]
-        Position that the coefficients of the phase are relative to.
+        Position to which the coefficients of the phase are relative, rad (m).
     fixed : array of bool
-        Which unknowns of the program are given by conditions.
+        Mask of the program's unknowns that are given by conditions.
     """
 
     phase: Phase
@@ -53,11 +53,11 @@ class FlatLayout:
 
     @property
     def stage_sizes(self) -> tuple[IntArray, IntArray, IntArray]:
-        """Nothing: there are no stages with equations."""
+        """Empty arrays, because the program has no stages with equations."""
         return np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros(0, dtype=int)
 
     def place_of(self, label: Label) -> float:
-        """Return where a row or variable of the phase stands, as a fraction of the phase."""
+        """Return the place of a row or variable of the phase, as a fraction of the phase."""
         if label.interval == self.intervals:
             return 1.0
         start, end = self.mesh[label.interval : label.interval + 2]
@@ -75,9 +75,7 @@ class FlatLayout:
     def interpolated(
         self, stages: FloatArray, k: IntArray, share: FloatArray
     ) -> dict[str, FloatArray]:
-        """Return the motion at shares [M] of intervals, from that at mesh points and the duration
-        [N+1,3n+1].
-        """
+        """Return the motion at shares [M] of intervals, from the stages [N+1,3n+1]."""
         q, qd, qdd = np.split(stages[:, :-1], ORDERS, axis=1)
         motion: dict[str, Any] = {"q": q, "qd": qd, "qdd": qdd}
         phase = PhaseSolution("", float(stages[0, -1]), self.mesh, motion)
@@ -94,7 +92,7 @@ class FlatLayout:
 
     @cached_property
     def rows(self) -> tuple[Block, ...]:
-        """Blocks of rows at mesh points, then in the middles of intervals."""
+        """Blocks of rows: at mesh points first, in the middles of intervals second."""
         rows, limits = self.rows_of_all, self.rows_of_all.limits[self.index]
         blocks = []
         unit = {
@@ -153,7 +151,7 @@ class FlatLayout:
 
         def entry(kind: str, key: str, k: int, at: int, fraction: float = 0.0) -> TableEntry:
             if kind in ("state", "control") and self.fixed[at]:
-                kind = "initial"  # a condition, not a limit
+                kind = "initial"  # a fixed value is a condition, not a limit
             unit, scale = robot.unit(key, k), float(self.scales.unknowns[at])
             return TableEntry(kind, None, key, k, n, fraction, unit, scale)
 
@@ -191,7 +189,7 @@ def _blocks(
     size: int,
     factors: FloatArray | None,
 ) -> Iterator[Block]:
-    """Yield blocks of rows [M,K] that the program has, those of the same intervals together."""
+    """Yield blocks of the existing rows of [M,K]; rows of the same intervals form one block."""
     patterns: dict[bytes, list[int]] = {}
     for k in range(len(entries)):
         there = numbers[:, k] >= 0
@@ -224,6 +222,7 @@ def _sampled(
         u = unknowns[windows.columns[mine][..., None] + np.arange(n)]
         u = u - windows.anchored[mine][..., None] * start
         exponents = windows.powers[mine][:, None] - np.arange(ORDERS)[:, None]
+        # Equation (2) of docs/theory/flat.md.
         y = (windows.weights[mine, place] * T**exponents) @ u
         q[:, (windows.points[mine, place] - first) // 2] = y.swapaxes(0, 1)
     q[0] += start
@@ -231,7 +230,10 @@ def _sampled(
 
 
 def resampled(phase: PhaseSolution, mesh: FloatArray) -> FloatArray:
-    """Return the motion [3,N+1,n] of a phase at the points of another mesh."""
+    """Return the motion [3,N+1,n] of a phase at the points of another mesh.
+
+    In an interval the jerk is constant, so position, velocity and acceleration are polynomials.
+    """
     q, qd, qdd = (phase[key] for key in POINT_KEYS)
     t, T = phase.t, phase.duration
     k = np.clip(np.searchsorted(phase.mesh, mesh, side="right") - 1, 0, phase.mesh.size - 2)

@@ -1,14 +1,15 @@
-"""Motion and derivatives in the windows of a flat program: by numpy, and the same in C.
+"""Motion and derivatives in the windows of a flat program, by numpy or in C.
 
-With ``y_d`` derivative d of the position in a window, ``y_d = sum_m W_dm T^(p_m - d) u_m``, a limit
-g(y_0, y_1, y_2) has the slopes ``g_y W`` by the unknowns and ``g_y dy/dT`` by the duration, and a
-weighted sum of limits with the second derivatives G and the gradient g the second derivatives
+Derivative d of the position in a window is ``y_d = sum_m W_dm T^(p_m - d) u_m``. A limit
+g(y_0, y_1, y_2) has the derivatives ``g_y W`` by the unknowns and ``g_y dy/dT`` by the duration. A
+weighted sum of limits, with gradient g and Hessian G, has the second derivatives
 
-``W' G W``,  ``W' G dy/dT + (dW/dT)' g``  and  ``(dy/dT)' G dy/dT + g' d^2y/dT^2``.
+``W' G W``,  ``W' G dy/dT + (dW/dT)' g``  and  ``(dy/dT)' G dy/dT + g' d^2y/dT^2``
 
-``_windows.c`` has the loops that numpy has no words for; without a compiler numpy does the same.
+by the unknowns, by unknowns and duration, and by the duration. ``_windows.c`` has the same loops in
+C, which avoid numpy's temporary arrays; without a compiler numpy is used.
 
-Theory: docs/theory/flat.md.
+Theory: docs/theory/flat.md, equations (2) and (3).
 """
 
 from __future__ import annotations
@@ -33,21 +34,21 @@ from microbot_ocp.planning.free._spline import PLACES, SLOPES, IntArray, Windows
 
 @dataclass(frozen=True, eq=False)
 class Form:
-    """Sizes that all windows of a program share.
+    """Dimensions and units that all windows of a program share.
 
     Attributes
     ----------
     joints, rows, points : int
-        n, limits at a point R, points P.
+        Numbers n of joints, R of limits at a point, P of points.
     torques : array of int [J]
-        Limits whose rates are limited.
+        Indices of the limits whose rates are limited.
     pairs : array of int [B,2]
-        Orders of the derivatives that blocks of second derivatives are by.
+        Orders d, e of the derivatives y_d, y_e of each block of second derivatives.
     scales : Scales
     starts : array [m-1,n]
-        Positions that coefficients of a phase are relative to.
+        Positions to which the coefficients of a phase are relative, rad (m).
     jerk_weight : array [n]
-        Of the squared jerk in the cost.
+        Weight of the squared jerk in the cost.
     """
 
     joints: int
@@ -62,17 +63,19 @@ class Form:
 
 @dataclass(eq=False)
 class MovedWindows:
-    """Windows of one size with the motion in them at the last unknowns.
+    """Windows of one size, with the motion in them at the current unknowns.
 
     Attributes
     ----------
     weights, weight_slopes : arrays [K,3,3,M]
-        W T^(p-d) and its slope by the duration.
+        W T^(p-d) and its derivative by the duration.
     y, y_slopes, y_curvature : arrays [K,3,3,n]
-        Position, velocity, acceleration at start, middle and end, with slopes and second
+        Position, velocity and acceleration at start, middle and end, with first and second
         derivatives by the duration.
     jerk_weights, jerk_weight_slopes : arrays [K,M]
+        Weights of the jerk, and their derivatives by the duration.
     jerk, jerk_slopes, jerk_curvature : arrays [K,n]
+        Jerk, with first and second derivatives by the duration.
     """
 
     windows: Windows
@@ -89,14 +92,15 @@ class MovedWindows:
 
 
 class NumpyLoops:
-    """The loops by numpy."""
+    """The loops in numpy."""
 
     def __init__(self, moved: Sequence[MovedWindows]) -> None:
         self.moved = moved
 
     def move(self, x: FloatArray, T: FloatArray, q: FloatArray) -> None:
-        """Work out the motion at unknowns x with durations T; q [3,P,n] at all points, positions
-        relative to the start of the phase.
+        """Evaluate the motion at unknowns x with durations T, and store it in q [3,P,n].
+
+        Positions in q are relative to the start of the phase.
         """
         for moved in self.moved:
             windows, n = moved.windows, moved.form.joints
@@ -118,6 +122,7 @@ class NumpyLoops:
     def _moved(
         weights: FloatArray, powers: FloatArray, orders: Any, T: FloatArray, u: FloatArray
     ) -> list[FloatArray]:
+        # Derivatives of T^k: k T^(k-1) and k (k-1) T^(k-2).
         exponents = powers[:, None, :] - orders
         factor = T**exponents
         slope = factor * exponents / T
@@ -126,7 +131,7 @@ class NumpyLoops:
         return [*parts[:2], *(part @ u[:, None] for part in parts)]
 
     def cost(self, T: FloatArray, gradient: FloatArray) -> float:
-        """Return the sum of durations and weighted squares of jerks; its gradient is added."""
+        """Return the sum of durations and weighted squared jerks, and add its gradient."""
         total, durations = float(T.sum()), gradient[-T.size :]
         durations += 1.0
         for moved in self.moved:
@@ -145,7 +150,7 @@ class NumpyLoops:
     def jacobian(
         self, T: FloatArray, values: FloatArray, slopes: FloatArray, entries: FloatArray
     ) -> None:
-        """Work out the entries of the Jacobian from values [P,R] and slopes [P,3*R*n] of limits."""
+        """Store the entries of the Jacobian, from values [P,R] and slopes [P,3*R*n] of limits."""
         for moved in self.moved:
             windows, form, to = moved.windows, moved.form, moved.places
             (count, unknowns), n, own = windows.columns.shape, form.joints, windows.own
@@ -161,6 +166,8 @@ class NumpyLoops:
             _put(entries, to.bound, moved.weights[:, own, :, :, None] / motion[:, None])
             _put(entries, to.bound_time, moved.y_slopes[:, own] / motion)
             if to.rate is not None:
+                # A rate is (SLOPES @ torques) / (h T), up to its scale: its derivatives are those
+                # of the torques, minus the part of the quotient by T.
                 factor, scale = self._rates(moved, T)
                 chosen = _slopes(block[..., form.torques, :]) * factor[..., None, None]
                 _put(entries, to.rate, chosen / scale[:, None])
@@ -174,7 +181,7 @@ class NumpyLoops:
 
     @staticmethod
     def _rates(moved: MovedWindows, T: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the factor [K,1,1] of differences of torques, and their scales [J]."""
+        """Return the factors [K,1,1] of torque differences, and their scales [J]."""
         phase, scales = moved.windows.phase, moved.form.scales
         return (scales.durations / T)[phase][:, None, None], scales.change[moved.form.torques]
 
@@ -190,18 +197,26 @@ class NumpyLoops:
         of_cost: float,
         entries: FloatArray,
     ) -> None:
-        """Add the entries of the Hessian.
+        """Add the entries of the Hessian of the Lagrangian, upper triangle.
 
         Parameters
         ----------
-        T : durations
-        values, slopes : of limits, as for the Jacobian; only used where torque rates are limited
-        blocks : array [P,B*n*n], second derivatives of the weighted limits
-        gradient : array [P,3n], slopes of all weighted rows by the motion at the points
-        of_rates : array [P,J], weights of differences of torques
-        of_jerks : array [P,n], weights of jerks
-        of_cost : weight of the cost
+        T : array [m-1]
+            Durations, s.
+        values, slopes : arrays [P,R], [P,3*R*n]
+            Limits and their derivatives; used only under limits of torque rates.
+        blocks : array [P,B*n*n]
+            Second derivatives of the weighted limits.
+        gradient : array [P,3n]
+            Gradient of all weighted rows by the motion at the points.
+        of_rates : array [P,J]
+            Weights of torque differences.
+        of_jerks : array [P,n]
+            Weights of jerks.
+        of_cost : float
+            Weight of the cost.
         entries : array
+            Nonzeros, in place.
         """
         for moved in self.moved:
             windows, form, to = moved.windows, moved.form, moved.places
@@ -212,6 +227,8 @@ class NumpyLoops:
             slope = gradient.reshape(-1, ORDERS, n)[points]
             part = np.zeros((count, unknowns, unknowns, n, n))
             turned = np.zeros((count, points.shape[1], ORDERS, n))
+            # ``turned`` is G dy/dT, ``part`` W' G W. Only blocks with d <= e are stored, so the
+            # transpose of each other block follows from symmetry.
             for b, (d, e) in enumerate(form.pairs.tolist()):
                 one, two = weights[:, :, d], weights[:, :, e]
                 product = np.einsum("klm,klo,klij->kmoij", one, two, block[:, :, b], optimize=True)
@@ -271,7 +288,11 @@ class NumpyLoops:
         by_time: FloatArray,
         twice: FloatArray,
     ) -> None:
-        """Add what rows of rates have besides differences of torques: the duration below them."""
+        """Add the part of torque rates by their divisor, the duration.
+
+        A rate is D / T with the torque difference D: the part of D is in the weighted torques, and
+        the rest is -D_u / T by unknowns, and -2 D_T / T + 2 D / T^2 by the duration.
+        """
         windows, form = moved.windows, moved.form
         weight = of_rates[windows.points[:, :2]]  # [K,2,J]
         of_torques = slopes.reshape(-1, ORDERS, form.rows, form.joints)[windows.points]
@@ -295,7 +316,7 @@ def _put(entries: FloatArray, places: IntArray | None, values: FloatArray) -> No
     entries[places[kept]] = np.broadcast_to(values, places.shape)[kept]
 
 
-# the same in C -----------------------------------------------------------------------------------
+# loops in C ---------------------------------------------------------------------------------------
 
 
 class _FormArrays(ctypes.Structure):
@@ -330,7 +351,7 @@ class _WindowArrays(ctypes.Structure):
 
 
 class CompiledLoops(NumpyLoops):
-    """The loops in C, with the same arrays."""
+    """The loops in C, on the arrays of the numpy loops."""
 
     def __init__(self, moved: Sequence[MovedWindows], library: ctypes.CDLL) -> None:
         super().__init__(moved)
@@ -423,11 +444,11 @@ def _library(cc: str) -> ctypes.CDLL | None:
     try:
         return ctypes.CDLL(str(build_library(text, "windows", cc, "-O3", further=ANY_ORDER)))
     except (OSError, RuntimeError, subprocess.SubprocessError):
-        return None  # numpy does the same, more slowly
+        return None  # the numpy loops give equal results, more slowly
 
 
 def loops_of(rows: FlatRows, form: Form, places: Sequence[WindowPlaces]) -> NumpyLoops:
-    """Return the loops of a program: in C where there is a compiler."""
+    """Return the loops of a program: in C if there is a compiler."""
     pairs = zip(rows.layout.every, places, strict=True)
     moved = [MovedWindows(windows, place, form) for windows, place in pairs]
     cc = codegen.compiler() if compiles() else None

@@ -1,8 +1,8 @@
-"""The flat program of a free motion: spline coefficients and durations, limits as rows, no states.
+"""The flat program of a free motion: spline coefficients and durations are unknown, no states.
 
-A fully actuated arm is flat: torques are functions of q(t) and its derivatives. So the position
-alone is unknown, as a cubic spline, whose acceleration is piecewise linear; velocities and
-accelerations at via points and one duration a phase are shared. There are no equations, only rows.
+A fully actuated arm is flat: torques are functions of q(t) and its derivatives. Only the position
+is unknown, as a cubic spline with a piecewise linear acceleration. Phases share velocities and
+accelerations at via points, and each has one duration. Limits are rows; there are no equations.
 
 Theory: docs/theory/flat.md.
 """
@@ -47,29 +47,28 @@ from microbot_ocp.planning.task import Conditions, TaskScale, has_windows, passi
 from microbot_ocp.robot import Robot
 
 DUAL = 1e-6  # tolerance of stationarity, scaled
-LEAST_RATIO = 0.1  # of typical durations: from rest in a shorter segment a start may run off
-LEAST_INTERVALS = 4  # of a phase: fewer leave nothing between what its ends decide
+LEAST_RATIO = 0.1  # shortest phase per longest: a guess for a shorter one from rest may diverge
+LEAST_INTERVALS = 4  # smallest number of intervals of a phase, for one inner coefficient
 
 
 @dataclass(eq=False)
 class FlatTranscription:
-    """A free motion's problem in the unknowns of the flat program, for any mesh.
+    """Problem of a free motion in the unknowns of the flat program, for any mesh.
 
-    It takes the place of a :class:`~microbot_ocp.ocp.transcription.Transcription` of the same
-    problem.
+    It replaces a :class:`~microbot_ocp.ocp.transcription.Transcription` of the problem.
 
     Attributes
     ----------
     problem : OptimalControlProblem
-        As declared, with states: names of phases, and the parameters in use.
+        Problem with states, for the names of phases and the parameters in use.
     families : tuple of LimitFamily
-        One a phase.
+        Limits of each phase.
     conditions : Conditions
     size : TaskScale
     payload : bool
-        Whether the phases have the parameter "payload".
+        True if the phases have the parameter "payload".
     widened : mapping from a key to (lower, upper), each [n]
-        Bounds of the first phase, whose start is beyond those of its family.
+        Bounds of the first phase for a start beyond the limits of its family.
     """
 
     problem: OptimalControlProblem
@@ -96,7 +95,7 @@ class FlatTranscription:
         self.limits = tuple(limits[phase] for phase in phases)
 
     def with_parameters(self, values: Mapping[str, Mapping[str, Any]]) -> FlatTranscription:
-        """Return the same with other values of phase parameters, by phase and name."""
+        """Return the transcription with other values of phase parameters, by phase and name."""
         changed = copy.copy(self)
         phases = (with_values(p, values.get(p.name, {})) for p in self.problem.phases)
         changed.problem = with_phases(self.problem, phases)
@@ -109,7 +108,7 @@ class FlatTranscription:
         size: TaskScale,
         widened: Mapping[str, tuple[FloatArray, FloatArray]],
     ) -> FlatTranscription:
-        """Return the same program with the numbers of other limits and conditions."""
+        """Return the transcription with the numbers of other limits and conditions."""
         changed = copy.copy(self)
         changed.families = (family,) * len(self.families)
         changed.conditions, changed.size, changed.widened = conditions, size, widened
@@ -128,11 +127,11 @@ class FlatTranscription:
         return [mesh_of(max(m, LEAST_INTERVALS) if isinstance(m, int) else m) for m in chosen]
 
     def layouts(self, meshes: Meshes) -> tuple[FlatLayout, ...]:
-        """Return where every phase stands on a mesh for each."""
+        """Return the layout of every phase on a mesh for each."""
         return self.program(meshes).layouts
 
     def structure(self, meshes: Sequence[FloatArray]) -> FlatStructure:
-        """Return what the program on meshes is whatever the numbers, kept for further ones."""
+        """Return the structure of the program on meshes, whatever its numbers; cached."""
         key = *(mesh.tobytes() for mesh in meshes), self._kinds
         if key not in self._structures:
             if len(self._structures) >= 8:
@@ -142,7 +141,7 @@ class FlatTranscription:
 
     @property
     def _kinds(self) -> bytes:
-        """Which limits of the joints there are, and where accelerations may jump."""
+        """Key of the kinds of joint limits and of the jumps of accelerations."""
         keys = (*POINT_KEYS, "taud", "qddd")
         limits = [f.robot.limits.bounds(key) for f in self.families for key in keys]
         return np.isfinite(limits).tobytes() + bytes(
@@ -159,7 +158,7 @@ class FlatTranscription:
 
     @property
     def _starts(self) -> FloatArray:
-        """Positions [m-1,n] where phases start, zero where they are free."""
+        """Positions [m-1,n] at the start of the phases, zero for free ones."""
         q = np.array([0.5 * (end.q[0] + end.q[1]) for end in self.conditions.ends[:-1]])
         return np.where(np.isfinite(q), q, 0.0)
 
@@ -182,7 +181,7 @@ class FlatTranscription:
             unknowns[v : v + n] = motion[1]
             unknowns[before : before + n] = unknowns[after : after + n] = motion[2]
         unknowns[layout.durations] = size.time
-        torque = self.limits[0].torque_scale  # whatever the limits are now
+        torque = self.limits[0].torque_scale  # independent of the current limits
         rate = scale_of(limits.bounds("taud"), size.acceleration / size.time)
         jerk = scale_of(limits.bounds("qddd"), size.jerk)
         return Scales(unknowns, motion, torque, rate, jerk, size.durations)
@@ -304,15 +303,15 @@ class FlatTranscription:
     def solver_settings(
         program: Program, settings: SolverSettings, barrier: float | None
     ) -> SolverSettings:
-        """Return settings for the flat program: which barrier parameter it begins with, and that
-        complementarity is met as closely as is asked for.
+        """Return solver settings of the flat program.
 
-        Stationarity is not: an acceleration is a coefficient over the square of an interval, whose
-        rounding is all that is left of it on short ones.
+        Complementarity is asked for more closely than the tolerance, because it costs duration.
+        Stationarity cannot be: an acceleration is a coefficient divided by the square of an
+        interval, and on short intervals rounding dominates it.
         """
         given: dict[str, Any] = {
             "linear_solver": "ldl" if (program.row_lower == program.row_upper).any() else "band",
-            "nlp_scaling_method": "none",  # rows and unknowns are scaled
+            "nlp_scaling_method": "none",  # rows and unknowns are scaled already
             "compl_inf_tol": 0.1 * settings.tolerance,
         }
         if barrier is not None:
@@ -354,9 +353,9 @@ class FlatTranscription:
     ) -> FloatArray:
         """Return unknowns from durations and motion [3,N+1,n] at the mesh points of all phases.
 
-        The coefficient of a spline that has three knots around a mesh point is the blossom of its
-        polynomial there: q + T v (b - a) / 3 - T^2 w a b / 6, with a and b the lengths before and
-        after.
+        A coefficient is the blossom of the spline's polynomial at three consecutive knots, here
+        around a mesh point: q + T v (b - a) / 3 - T^2 w a b / 6, with the acceleration w and the
+        lengths a and b of the intervals before and after.
         """
         x, n = np.zeros(layout.size), layout.count
         for k, (T, (q, v, a)) in enumerate(motion):
@@ -413,11 +412,11 @@ def flat_form(
     payload: bool = False,
     conditions: Conditions | None = None,
 ) -> FlatTranscription | None:
-    """Return the flat transcription of the problem of a free motion; None where states are kept.
+    """Return the flat transcription of a free motion's problem; None if it needs states.
 
-    They are without torques, with dry friction, whose turns take several times the iterations, with
-    means over the motion, limits of the user's own, conditions on the pose of the tool, cycles,
-    ends in motion, and segments that are far shorter than others.
+    It needs states without torque limits, with dry friction (a reversal multiplies the iterations),
+    means over the motion, the user's own limits, conditions on the tool's pose, cycles, ends in
+    motion, and a segment far shorter than others.
     """
     via = np.frombuffer(via_bytes).reshape(count, -1)
     given = conditions or passing(robot, via)
@@ -447,7 +446,7 @@ def _is_flat(families: Sequence[LimitFamily], conditions: Conditions, size: Task
 def _within(
     given: Any, beside: Sequence[tuple[FloatArray, FloatArray]]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return bounds at a via point: as given there, else those of the limits on both sides."""
+    """Return bounds at a via point: the given ones, within those of the limits on both sides."""
     low = np.max([bounds[0] for bounds in beside], axis=0)
     high = np.min([bounds[1] for bounds in beside], axis=0)
     if given is None:
@@ -459,9 +458,9 @@ def _within(
 
 
 def _moved_rows(old: FlatRows, new: FlatRows, values: FloatArray) -> FloatArray:
-    """Return multipliers of rows on another mesh: their density along the phase stays.
+    """Return multipliers of rows on another mesh, with the same density along the phase.
 
-    That of a difference of torques stays itself: it is the costate of the torque.
+    A multiplier of a difference of torques is a costate of the torque and keeps its value.
     """
     moved = np.zeros(new.height)
     places = [_fractions(rows) for rows in (old, new)]
@@ -485,7 +484,7 @@ def _moved_rows(old: FlatRows, new: FlatRows, values: FloatArray) -> FloatArray:
 
 
 def _fractions(rows: FlatRows) -> tuple[FloatArray, FloatArray]:
-    """Return where every point stands in its phase, and the length that belongs to it."""
+    """Return the fraction of its phase at every point, and the length that belongs to the point."""
     fractions, weights = [], []
     for mesh in rows.layout.meshes:
         s = np.empty(2 * mesh.size - 1)

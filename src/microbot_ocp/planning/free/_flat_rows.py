@@ -1,6 +1,6 @@
-"""Rows of the flat program: which limit holds at which point, and where derivatives have entries.
+"""Rows of the flat program: limits at points, and places of the derivatives' entries.
 
-Theory: docs/theory/flat.md.
+Theory: docs/theory/flat.md, "Rows".
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from microbot_ocp.planning.free._point_limits import ORDERS, PointLimits
 from microbot_ocp.planning.free._spline import IntArray, SplineLayout, Windows
 
 POINT_KEYS = ("q", "qd", "qdd")
-NOWHERE = -1  # number of a row that the program does not have
+NOWHERE = -1  # index of a row that the program does not have
 
 
 @dataclass(frozen=True, eq=False)
 class Scales:
-    """Sizes that the program is divided by.
+    """Units of the program's unknowns and rows.
 
     Attributes
     ----------
     unknowns : array [size]
     motion : array [3,n]
-        Of positions, velocities and accelerations.
+        Units of positions, velocities and accelerations.
     torque, rate, jerk : array [n]
-        Of torques, torque rates and jerks.
+        Units of torques, torque rates and jerks.
     durations : array [m-1]
-        Typical ones of the phases, s.
+        Typical durations of the phases, s.
     """
 
     unknowns: FloatArray
@@ -45,30 +45,30 @@ class Scales:
 
     @property
     def change(self) -> FloatArray:
-        """What changes [n] of scaled torques in a second are divided by."""
+        """Unit [n] of the rate of scaled torques, 1/s."""
         return self.rate / self.torque
 
 
 @dataclass(frozen=True, eq=False)
 class FlatRows:
-    """Numbers of the rows, in this order: limits at points, bounds of the motion, torque rates,
-    jerks.
+    """Indices of the rows: limits at points, bounds of the motion, torque rates, jerks, in order.
 
     Attributes
     ----------
     layout : SplineLayout
     limits : tuple of PointLimits
-        One a phase.
+        Limits of each phase.
     at_points : array of int [P,R]
-        Of limits; -1 where there is no row.
+        Rows of limits; -1 without a row.
     of_motion : array of int [P,3,n]
-        Of bounds of position, velocity and acceleration.
+        Rows of bounds of position, velocity and acceleration.
     of_rates : array of int [P,J]
-        Of the torque rate at the start of an interval, and at its end by its middle point.
+        Rows of torque rates: at the start of an interval by its first point, at its end by its
+        middle point.
     of_jerks : array of int [P,n]
-        Of the jerk in the interval that begins at a point.
+        Rows of the jerk in the interval that begins at a point.
     torques : array of int [J]
-        Rows of limits that are the torques whose rates are limited.
+        Columns of ``at_points`` with the torques whose rates are limited.
     """
 
     layout: SplineLayout
@@ -86,7 +86,7 @@ class FlatRows:
 
     @property
     def tables(self) -> tuple[IntArray, ...]:
-        """All numbers, in the order of the rows."""
+        """All tables, in the order of the rows."""
         return self.at_points, self.of_motion, self.of_rates, self.of_jerks
 
     @cached_property
@@ -98,7 +98,7 @@ class FlatRows:
         return phase
 
     def lengths(self) -> FloatArray:
-        """Return the share of the phase from each point [P] to the next one; 0 at its end."""
+        """Return the distance of each point [P] from the next, share of the phase; 0 at its end."""
         lengths = np.zeros(self.layout.points)
         for windows in self.layout.windows:
             lengths[windows.points[:, :2]] = 0.5 * windows.lengths[:, None]
@@ -110,9 +110,9 @@ def flat_rows(
 ) -> FlatRows:
     """Return the rows of phases with these limits.
 
-    At via points the bounds of the motion are those of unknowns. Accelerations are linear in every
-    interval, so that they are bounded at mesh points alone. Torques at a via point belong to the
-    phase before it, and to the next one, too, where the acceleration jumps or the limits differ.
+    At via points bounds of the motion are bounds of unknowns. Accelerations are linear in every
+    interval, so they are bounded at mesh points alone. Torques at a via point belong to the phase
+    before it, and also to the next one if the acceleration jumps or the limits differ.
     """
     count, points = layout.count, layout.points
     most = max(limit.count for limit in limits)
@@ -150,7 +150,7 @@ def flat_rows(
 
 
 def _limited(families: Sequence[LimitFamily], key: str, count: int) -> IntArray:
-    """Return which joints have a limit of a kind in any phase."""
+    """Return the joints with a limit of a kind in any phase: indices for rates, else a mask."""
     mask = np.zeros(count, dtype=bool)
     for family in families:
         mask |= np.isfinite(family.robot.limits.bounds(key)).any(axis=0) & (key in family)
@@ -158,9 +158,9 @@ def _limited(families: Sequence[LimitFamily], key: str, count: int) -> IntArray:
 
 
 class SparseEntries:
-    """A sparse matrix whose entries are given block by block: where each of them goes.
+    """Entries of a sparse matrix, given block by block.
 
-    Several entries may go to one place.
+    Several entries may have one place, at which they add up.
     """
 
     def __init__(self, shape: tuple[int, int]) -> None:
@@ -168,13 +168,13 @@ class SparseEntries:
         self._blocks: list[tuple[IntArray, IntArray, np.ndarray]] = []
 
     def add(self, rows: IntArray, columns: IntArray, kept: np.ndarray) -> None:
-        """Add a block of entries, of which some are kept, with numbers of rows and columns."""
+        """Add a block of entries at rows and columns; ``kept`` masks those that exist."""
         shape = np.broadcast_shapes(rows.shape, columns.shape, kept.shape)
         each = (np.broadcast_to(part, shape) for part in (rows, columns, kept))
         self._blocks.append(tuple(each))  # pyright: ignore[reportArgumentType]
 
     def placed(self) -> tuple[ca.Sparsity, list[IntArray]]:
-        """Return the sparsity, and the place of every entry of each block among its nonzeros."""
+        """Return the sparsity, and the index among its nonzeros of every entry of each block."""
         masks = [kept.ravel() for *_, kept in self._blocks]
         rows, columns = (
             np.concatenate(
@@ -182,6 +182,7 @@ class SparseEntries:
             )
             for k in (0, 1)
         )
+        # Compressed column order; np.unique sorts the keys and finds shared places.
         keys = columns * self.shape[0] + rows
         distinct, slots = np.unique(keys, return_inverse=True)
         column, row = np.divmod(distinct, self.shape[0])
@@ -198,16 +199,20 @@ class SparseEntries:
 
 @dataclass(frozen=True, eq=False)
 class WindowPlaces:
-    """Where the derivatives in the windows of one size go, among the nonzeros.
+    """Indices among the nonzeros of the derivatives in windows of one size.
 
     Attributes
     ----------
-    limit : [K,L,M,R,n], limit_time : [K,L,R]
-    bound : [K,L,3,M,n], bound_time : [K,L,3,n]
-    rate : [K,2,M,J,n], rate_time : [K,2,J]
-    jerk : [K,M,n], jerk_time : [K,n]
-        Of the Jacobian; rates and jerks None where none are limited, or of ends.
-    hessian : [K,M,M,n,n], hessian_time : [K,M,n], time_time : [K]
+    limit, limit_time : [K,L,M,R,n], [K,L,R]
+        Jacobian of limits by unknowns and by the duration.
+    bound, bound_time : [K,L,3,M,n], [K,L,3,n]
+        Jacobian of bounds of the motion.
+    rate, rate_time : [K,2,M,J,n], [K,2,J]
+        Jacobian of torque rates; None without such rows.
+    jerk, jerk_time : [K,M,n], [K,n]
+        Jacobian of jerks; None without such rows.
+    hessian, hessian_time, time_time : [K,M,M,n,n], [K,M,n], [K]
+        Hessian by unknowns, by unknowns and duration, and by the duration.
     """
 
     limit: IntArray
@@ -224,9 +229,7 @@ class WindowPlaces:
 
 
 def window_places(rows: FlatRows) -> tuple[ca.Sparsity, ca.Sparsity, list[WindowPlaces]]:
-    """Return the sparsities of the Jacobian and of the upper triangle of the Hessian, and the
-    places of all windows' entries.
-    """
+    """Return the sparsities of the Jacobian and the Hessian's upper triangle, with all places."""
     layout = rows.layout
     jacobian = SparseEntries((rows.height, layout.size))
     hessian = SparseEntries((layout.size, layout.size))
@@ -247,7 +250,7 @@ def window_places(rows: FlatRows) -> tuple[ca.Sparsity, ca.Sparsity, list[Window
 def _add_window(
     rows: FlatRows, windows: Windows, jacobian: SparseEntries, hessian: SparseEntries
 ) -> tuple[bool, bool]:
-    """Add the entries of windows; whether there are rates and jerks among them."""
+    """Add the entries of windows; return whether they have torque rates and jerks."""
     layout = rows.layout
     columns = windows.columns[..., None] + np.arange(layout.count)  # [K,M,n]
     time = layout.durations.start + windows.phase
@@ -261,7 +264,7 @@ def _add_window(
     put(at_points[:, :, None, :, None], columns[:, None, :, None, :], used[..., None, None])
     put(at_points, time[:, None, None])
     put(of_motion[:, :, :, None, :], columns[:, None, None], (weights != 0.0)[..., None])
-    # the position at a mesh point does not depend on the duration where the window has no v and a
+    # A position does not depend on the duration if its window has no v and a; zeros are stored.
     put(of_motion, time[:, None, None, None])
     rates, jerks = windows.is_interval and rows.torques.size > 0, False
     if rates:

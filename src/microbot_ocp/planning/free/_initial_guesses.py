@@ -1,4 +1,4 @@
-"""Motions from which the search for a free time-optimal motion starts."""
+"""Initial guesses of the search for a free time-optimal motion."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from microbot_ocp.trajectories import ViaPoints, cubic_through, shortest_duratio
 
 @dataclass(frozen=True)
 class GuessSettings:
-    """Settings of motions to start from.
+    """Settings of initial guesses.
 
     Attributes
     ----------
-    largest_bow : rad (m), sideways in the middle of a segment
-    bow_ratio : of the way of all segments: a bow is not larger either
-    swings : rad (m), the least and the largest swing to and fro
-    swing_durations : times the typical durations, the least and the largest of a swing
-    spread : of the durations of single segments
-    harmonics : of a swing
+    largest_bow : largest offset of a bow in the middle of a segment, rad (m)
+    bow_ratio : largest offset of a bow, share of the distance of all segments
+    swings : smallest and largest amplitude of a swing, rad (m)
+    swing_durations : smallest and largest duration of a swing, per typical duration
+    spread : largest factor between durations of single segments and their common scale
+    harmonics : number of harmonics of a swing
     """
 
     largest_bow: float = 1.5
@@ -45,7 +45,7 @@ GUESSES = GuessSettings()
 
 @dataclass(frozen=True, eq=False)
 class InitialGuess:
-    """A motion to start from: its name, and a guess for every phase."""
+    """An initial guess: its name, and a guess for every phase."""
 
     name: str
     guesses: Mapping[str, Guess]
@@ -63,23 +63,22 @@ def initial_guesses(
 ) -> Iterator[InitialGuess]:
     """Yield the first ``count`` of: the scaled cubic, straight segments, bows and swings in turn.
 
-    Without the cubic where the arm is ``moving`` at the start: one from rest is no nearer to what
-    is wanted than straight segments, and has to be scaled.
-
-    Segments are bowed, or swing to and fro, at random. Where torques are too small to lift the arm
-    it gathers speed first: the solver finds how if it starts from a motion that swings at all.
+    A guess for an arm that is ``moving`` at the start omits the cubic: one from rest is no nearer
+    to the solution than straight segments, and its scaling takes time. Bows and swings are random.
+    If torques are too small to lift the arm, it must swing up first; the solver finds such a motion
+    from a guess that swings in any way.
 
     Parameters
     ----------
     family : LimitFamily
     via : array [m,n], rad (m)
     names : sequence of str
-        Of the phases, one a segment between via points.
+        Names of the phases, one per segment between via points.
     count : int
     seed : int
-        Of the random segments.
+        Seed of the random segments.
     velocities : array [m,n], optional
-        At the via points, which the durations are for; zero where they are free.
+        Velocities at the via points for the typical durations; zero for a free one.
     """
     bows, waves = np.random.default_rng(seed), np.random.default_rng(seed + 1)
     drawn = _Drawn(family, via, names, velocities)
@@ -121,7 +120,7 @@ def _along(curve: PiecewisePolynomial, start: float, end: float, s: FloatArray) 
 
 @dataclass(frozen=True, eq=False)
 class _Drawn:
-    """The arguments of :func:`initial_guesses`, of which its guesses are made."""
+    """Arguments of :func:`initial_guesses`, with the guesses made of them."""
 
     family: LimitFamily
     via: FloatArray
@@ -130,28 +129,27 @@ class _Drawn:
 
     @cached_property
     def durations(self) -> FloatArray:
-        """Typical ones of the segments, s."""
+        """Typical durations of the segments, s."""
         return TaskScale.of(self.family, self.via, self.velocities).durations
 
     @cached_property
     def free(self) -> FloatArray:
-        """One [n] for joints that may move, zero for locked ones."""
+        """Factors [n]: one for joints that move, zero for locked ones."""
         return np.where(locked_joints(self.family), 0.0, 1.0)
 
     def cubic(self) -> InitialGuess:
-        """Return the cubic through the via points at the shortest duration that keeps the
-        limits.
-        """
+        """Return the cubic through the via points, at its shortest duration within the limits."""
         steps = np.abs(np.diff(self.via, axis=0)).max(axis=1)
         timed = ViaPoints(self.via, np.concatenate([[0.0], np.cumsum(steps)]))
         shape = cubic_through(timed, via_velocities(timed))
-        # where gravity forbids rest on the way it is a start all the same, only not a feasible one
+        # If gravity forbids rest on the way, the unscaled cubic is still a guess, not a feasible
+        # one.
         with contextlib.suppress(InputError):
             shape = shortest_duration(self.family.robot, shape).polynomial
         return InitialGuess("cubic", guesses_along(self.names, shape, shape.breaks))
 
     def swing(self, number: int, random: np.random.Generator) -> InitialGuess:
-        """Return segments that swing to and fro at random."""
+        """Return segments with random oscillations."""
         size = _between(random, GUESSES.swings) * self.free
         waves = random.normal(size=(len(self.names), GUESSES.harmonics, self.via.shape[1]))
         waves *= size / np.arange(1, GUESSES.harmonics + 1)[:, None]
@@ -160,9 +158,7 @@ class _Drawn:
         return self.waved(f"swing {number}", waves, factors * self.durations)
 
     def waved(self, name: str, waves: FloatArray, durations: FloatArray) -> InitialGuess:
-        """Return straight segments with waves [m-1,K,n] on them: the amplitudes of sines of 1 to K
-        arcs.
-        """
+        """Return straight segments plus sines of 1 to K half periods, of amplitudes [m-1,K,n]."""
         limits = self.family.robot.limits
         turns = np.pi * np.arange(1, waves.shape[1] + 1)
         guesses = {}
@@ -183,5 +179,5 @@ class _Drawn:
 
 
 def _between(random: np.random.Generator, ends: tuple[float, float]) -> float:
-    """Return a random number, its logarithm evenly spread."""
+    """Return a random number between two ends, uniform in its logarithm."""
     return float(np.exp(random.uniform(*np.log(ends))))

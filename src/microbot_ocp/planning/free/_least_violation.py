@@ -1,8 +1,8 @@
-"""What a task that nothing solves asks too much: its limits may give, and as little as possible.
+"""The limits that make a task infeasible, by their least violation.
 
-The relaxed problem keeps via points and dynamics; every limit may give by one amount over a
-segment, and the sum of these amounts, relative to the limits, is made as small as possible. Where
-none has to give there is a motion, and the search goes on from it.
+The relaxed problem keeps via points and dynamics. Every limit may be violated by a constant amount
+on each segment, and the sum of the amounts, relative to the limits, is minimised. If the minimum is
+zero, its motion is feasible, and the search continues from it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from microbot_ocp.ocp import Explanation, PhaseSolution, Relaxation, Solution, e
 from microbot_ocp.ocp.transcription import Guess, Meshes, Transcription
 from microbot_ocp.planning.task import place_in_task
 
-MOST_ITERATIONS = 200  # of each relaxed solve
+MOST_ITERATIONS = 200  # iteration limit of each relaxed solve
 UNCONFIRMED = (
     "Not confirmed: the relaxed problem, in which limits may give, did not converge either, so "
     "there may be a motion: try more starts, or another seed."
@@ -34,7 +34,7 @@ CONFIRMED = (
 def least_violation(
     kernels: Transcription, starts: Sequence[Mapping[str, Guess] | Solution], mesh: Meshes
 ) -> Explanation:
-    """Return the least that limits have to give, of what several starts lead to."""
+    """Return the least violation of the limits over several starts."""
     best: Explanation | None = None
     for start in starts:
         explanation = explain(
@@ -49,14 +49,14 @@ def least_violation(
 
 
 def _total(explanation: Explanation) -> float:
-    """Return what limits give together, relative to each; infinite where that is not known."""
+    """Return the sum of relative violations; infinite if the solve was not conclusive."""
     if not explanation.conclusive:
         return float("inf")
     return sum((g.amount or 0.0) / max(abs(g.limit), 1e-9) for g in explanation.gives)
 
 
 def guesses_from(explanation: Explanation) -> dict[str, Guess]:
-    """Return the motion of a relaxed problem as a start."""
+    """Return the motion of a relaxed problem as initial guesses."""
     names = ("q", "qd", "qdd")
     return {
         phase.name: Guess(phase.duration, {name: phase[name] for name in names})
@@ -67,7 +67,7 @@ def guesses_from(explanation: Explanation) -> dict[str, Guess]:
 def judged(
     explanation: Explanation, family: LimitFamily, outcome: Outcome
 ) -> tuple[Outcome, dict[str, Any]]:
-    """Return outcome where limits have to give, and an entry of the provenance with all figures."""
+    """Return the outcome with the violated limits, and the provenance entry with all numbers."""
     if not explanation.conclusive:
         return outcome.and_(Advice("remark", UNCONFIRMED)), {}
     if explanation.feasible:
@@ -89,7 +89,7 @@ def judged(
 
 
 def _limit_name(gives: Relaxation, explanation: Explanation, family: LimitFamily) -> str:
-    """Return the limit and its segment; its pose, which stands beside, says more than a time."""
+    """Return the names of the limit and its segment; the reported pose gives the place."""
     name = gives.name.removesuffix(f"[{gives.component}]")
     phases = [phase.name for phase in explanation.phases]
     return place_in_task(family, gives.kind, name, gives.component, gives.phase, None, phases)

@@ -1,7 +1,7 @@
 """Limits at a point of a motion as functions of q, qd and qdd, with their derivatives.
 
-They are evaluated for all points of a program at once. Torques bring their own derivatives where
-these are smaller than automatic ones.
+One call evaluates all points of a program. Torques use their own derivatives if these are smaller
+expressions than automatic ones.
 """
 
 from __future__ import annotations
@@ -32,21 +32,21 @@ class PointLimits:
     Attributes
     ----------
     names : tuple of (key, component, side)
-        Limit that each row is of, and "lower" or "upper" where its bound varies: the row is then
-        how far the value is beyond it.
+        Limit of each row. ``side`` is "lower" or "upper" for a bound that varies, whose row is the
+        excess of the value over the bound; otherwise empty.
     labels : tuple of str
         Names of the rows.
     scale : array [R]
-        Divides each row.
+        Divisor of each row.
     values : callable
         Rows [R].
     slopes : callable
         Rows [R], and their derivatives by q, qd and qdd [3*R*n] in this order.
     curvature : callable
-        Of weights [R], too: gradient [3n] of the weighted sum, and its second derivatives [B*n*n]
-        by ``pairs``.
+        Gradient [3n] of the rows' sum with weights [R], and its second derivatives [B*n*n], in the
+        order of ``pairs``; the weights are a further argument.
     pairs : tuple of (int, int), B
-        Orders of the derivatives that the blocks of the curvature are by.
+        Orders of the derivatives of each block of the curvature.
     """
 
     names: tuple[tuple[str, int, str], ...]
@@ -64,15 +64,13 @@ class PointLimits:
 
     @property
     def torque_scale(self) -> FloatArray:
-        """Scales [n] of the torques; empty where there are none."""
+        """Scales [n] of the torques; empty without torques."""
         return self.scale[[key == "tau" for key, *_ in self.names]]
 
     def bounds(
         self, family: LimitFamily, widened: Mapping[str, tuple[FloatArray, FloatArray]]
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the scaled bounds [R] of the rows under the limits of a family, some of them
-        ``widened``.
-        """
+        """Return the scaled bounds [R] of the rows under a family, some of them ``widened``."""
         low, high = np.full((2, self.count), np.inf) * [[-1.0], [1.0]]
         for row, (key, component, side) in enumerate(self.names):
             if side:
@@ -85,16 +83,16 @@ class PointLimits:
 
 @lru_cache(maxsize=32)
 def point_limits(robot: Robot, keys: tuple[str, ...], payload: bool = False) -> PointLimits:
-    """Return the functions of the limits of these keys of a robot.
+    """Return the functions of a robot's limits with given keys.
 
     Parameters
     ----------
     robot : Robot
-        With limits; bounds that vary are expressions, the others numbers that may change.
+        Robot with limits; bounds that vary are expressions, others are numbers that may change.
     keys : tuple of str
-        Of limits that do not depend on the jerk.
+        Keys of limits that do not depend on the jerk.
     payload : bool
-        Whether a mass at the tool is an argument of the torques; else it is none.
+        Use the mass at the tool as an argument of the torques; otherwise it is zero.
     """
     n = robot.joint_count
     state, mass = [ca.SX.sym(name, n) for name in STATE], ca.SX.sym("payload")
@@ -108,6 +106,8 @@ def point_limits(robot: Robot, keys: tuple[str, ...], payload: bool = False) -> 
         for d in range(ORDERS)
         for e in range(d, ORDERS)
     }
+    # The Hessian is symmetric and often sparse: keep the blocks d <= e that are not empty. One
+    # block remains in any case, so that outputs have a shape.
     blocks = {pair: block for pair, block in blocks.items() if block.nnz() or pair == (0, 0)}
     by_order = [jacobian[:, d * n : (d + 1) * n] for d in range(ORDERS)]
     slopes = ca.vertcat(*map(_row_major, by_order))
@@ -198,5 +198,5 @@ def _with_derivatives(
 
 
 def _row_major(block: ca.SX) -> ca.SX:
-    """Return the entries of a matrix, row after row."""
+    """Return the entries of a matrix in row-major order."""
     return ca.densify(ca.vec(ca.densify(block).T))

@@ -33,32 +33,31 @@ from microbot_ocp.planning.task import (
 )
 from microbot_ocp.robot import Robot
 
-# Weight of the squared jerk: picks one motion where many are equally fast. It costs 1.3e-5 of the
+# Weight of the squared jerk: it selects one of many equally fast motions. It costs 1.3e-5 of the
 # duration of the Microbot task and halves the swing of the torques that are not at a limit.
 SMOOTHING = 1e-6
-BEFORE = 1e-9  # of a piece, by which a place is before its end
-JERK_WEIGHT = "jerk weight"  # the parameter of a phase
-CLOSED = 1e-5  # share of the way, or of the change of velocity, that gaps add up to
-BUDGET = "budget"  # a parameter of every phase
+BEFORE = 1e-9  # distance of the last check from the end of a piece, share of the piece
+JERK_WEIGHT = "jerk weight"  # name of a phase parameter
+CLOSED = 1e-5  # largest sum of gaps, share of the change of position or velocity
+BUDGET = "budget"  # name of a phase parameter
 OF_VARIABLES = ("q", "qd", "qdd")  # limits that are bounds of states and of the control
 
 
 def accelerations_jump(family: LimitFamily) -> bool:
-    """Return whether accelerations may jump: they switch from one limit to another.
+    """Return True if accelerations may jump from one limit to another.
 
-    Not where a limit depends on the jerk, and not with dry friction, whose torques jump in their
-    place.
+    They cannot under limits that depend on the jerk. With dry friction the torques jump instead.
     """
     return not (has_windows(family) or family.jerk_matters)
 
 
 def limited_rates(family: LimitFamily) -> set[str]:
-    """Return which of jerks and torque rates are limited: meshes are split where they switch."""
+    """Return the limited ones of jerks and torque rates: meshes are split at their switches."""
     return {"qddd", "taud"} & set(family.keys)
 
 
 def phase_names(count: int) -> list[str]:
-    """Return the phases of a motion in their order, one from each stop to the next."""
+    """Return the names of the phases in order, one from each stop to the next."""
     return [f"phase {index + 1}" for index in range(count)]
 
 
@@ -73,11 +72,11 @@ def transcription(
     budgeted: bool = False,
     conditions: Conditions | None = None,
 ) -> Transcription:
-    """Return kernels for a robot (its own limits) and via points, built once."""
+    """Return the kernels of a robot, with its own limits, and via points; cached."""
     via = np.frombuffer(via_bytes).reshape(count, -1)
     robots = conditions.robots if conditions else (robot,)
     compiled = compiles(compiled)
-    # among obstacles a stage is met once: only what other scenes share is compiled
+    # Among obstacles each stage is used in one scene only: compile the parts that scenes share.
     limits = [limit for limited in robots for limit in limited.limits.also]
     shared = compiled and any(map(knows_derivatives, limits))
     return Transcription(
@@ -97,17 +96,18 @@ def free_problem(
     jumps: bool = False,
     conditions: Conditions | None = None,
 ) -> OptimalControlProblem:
-    """Return the optimal-control problem of a robot (with its limits) through via points [m,n].
+    """Return the optimal-control problem of a robot, with its limits, through via points [m,n].
 
-    Each segment between two via points is a phase of free duration with the states q, qd and a
-    continuous, piecewise linear acceleration as the control. With ``payload`` every phase has the
-    parameter "payload": a mass at the tool, kg, zero at first. Where it is
-    ``budgeted`` every phase has the parameter "budget", that of the last one being the time, s, in
-    which all are passed, and the effort is minimised in the place of the time. With ``jumps``
-    the acceleration may jump, as it does in the fastest motion, and nothing is smoothed; where a
-    limit is one of the jerk or the torque rate it is the jerk that may. ``conditions`` say what
-    holds at the via points and which robot moves between them; by default the arm is at rest at
-    both ends and passes the others.
+    Each segment between two via points is a phase of free duration, with the states q and qd and a
+    continuous, piecewise linear acceleration as the control.
+
+    ``payload`` adds the parameter "payload" to every phase: a mass at the tool, kg, initially zero.
+    ``budgeted`` minimises the effort instead of the time. Its parameter "budget" of the last phase
+    is the time allowed for all, s.
+    ``jumps`` lets the acceleration jump, as in the fastest motion, without smoothing; under limits
+    of the jerk or the torque rate the jerk jumps instead.
+    ``conditions`` hold at the via points and select the robot of each segment; by default the arm
+    is at rest at both ends and passes the other points at any velocity.
     """
     family = LimitFamily.of(robot)
     conditions = conditions or passing(robot, via)
@@ -128,7 +128,7 @@ def free_problem(
 
 @dataclass(frozen=True, eq=False)
 class _Form:
-    """The arguments of :func:`free_problem`, and what all of its segments share."""
+    """Arguments of :func:`free_problem`, and common values of all segments."""
 
     family: LimitFamily
     size: TaskScale
@@ -138,12 +138,12 @@ class _Form:
     jumps: bool
 
     def place(self, index: int) -> tuple[bool, bool]:
-        """Return whether a segment is the first one, and whether it is the last."""
+        """Return two flags: the segment is the first one, and the last one."""
         return index == 0, index == len(self.conditions.ends) - 2
 
     @property
     def rated(self) -> bool:
-        """Whether the acceleration is a state: the jerk, or what follows from it, is limited."""
+        """True if the acceleration is a state, because the jerk or a torque rate is limited."""
         return self.family.jerk_matters
 
     @cached_property
@@ -155,7 +155,7 @@ class _Form:
 
     @property
     def held(self) -> np.ndarray:
-        """Which joints [n] stay where they start."""
+        """Mask [n] of joints that keep their initial position."""
         limits = self.family.robot.limits
         return (limits.qdd_min == 0.0) & (limits.qdd_max == 0.0)
 
@@ -178,7 +178,7 @@ def _declare_segment(
     q, qd, qdd, jerk = state
     mass = [phase.parameter("payload", 0.0)] if form.payload else []
     torque_values = tau = None
-    # with jumps the mesh points are where the friction jumps
+    # If accelerations jump, mesh points are at the reversals, and friction needs no window.
     if has_windows(family) and not form.jumps:
         light = torques_of_form(without_dry_friction(moving))
         torque_values, tau = windowed_torques(phase, moving, state, light, mass)
@@ -204,7 +204,7 @@ def _declare_segment(
 
 
 def _declare_state(phase: Phase, form: _Form, index: int) -> tuple[Any, Any, Any, Any]:
-    """Declare position, velocity, acceleration and jerk of a phase with what holds at its ends."""
+    """Declare position, velocity, acceleration and jerk of a phase, with its end conditions."""
     limits, held = form.family.robot.limits, form.held
     count, (first, last) = limits.q_min.size, form.place(index)
     at_start, at_end = form.conditions.ends[index : index + 2]
@@ -244,11 +244,11 @@ def _declare_state(phase: Phase, form: _Form, index: int) -> tuple[Any, Any, Any
 
 
 def _declare_clock(phase: Phase, form: _Form, index: int) -> None:
-    """Declare the time that has passed, and at the end of the last phase what is allowed of it."""
+    """Declare the elapsed time as a state, and its bound at the end of the last phase."""
     size, (first, last) = form.size, form.place(index)
     clock = phase.state("clock", initial=0.0 if first else None, scale=size.time, unit="s")
     phase.derivative(clock, ca.MX(1.0))
-    late = clock - phase.parameter(BUDGET, 1.0)  # of all phases, which share kernels so
+    late = clock - phase.parameter(BUDGET, 1.0)  # the same expression in all phases shares kernels
     if last:
         phase.end_constraint("time allowed", late, upper=0.0, scale=size.time, unit="s")
 
@@ -256,9 +256,10 @@ def _declare_clock(phase: Phase, form: _Form, index: int) -> None:
 def _declare_mean(
     phase: Phase, form: _Form, index: int, member: Member, state: tuple[Any, Any, Any, Any]
 ) -> None:
-    """Declare what a root mean square has beyond its bound so far, s; nothing is left at the end.
+    """Declare the accumulated excess of a root mean square over its bound as a state, s.
 
-    That is the integral of the square, as a share of the bound's, less the time.
+    The state is the integral of (value / bound)^2 - 1; the bound holds if it is at most zero at the
+    end.
     """
     limited, (first, last) = np.flatnonzero(member.limited).tolist(), form.place(index)
 
@@ -283,12 +284,12 @@ def _declare_mean(
 
 
 def _link_segments(problem: OptimalControlProblem, form: _Form) -> None:
-    """Let every phase begin as the one before it ends, and a cycle end as it began."""
+    """Connect the end of every phase to the start of the next, and close a cycle."""
     for index, (before, after) in enumerate(itertools.pairwise(problem.phases)):
         names = ["q", "qd", *(["clock"] if form.budgeted else [])]
         names += [f"{member.name} so far" for member in form.family.means]
         end = form.conditions.ends[index + 1]
-        # stated: the same on both sides
+        # An acceleration that is given, or that may jump, is not linked.
         apart = end.qdd is not None or end.acceleration_jumps or (form.jumps and not form.rated)
         problem.link(before, after, names=[*names, *([] if apart else ["qdd"])])
     for name in form.conditions.closed:
@@ -301,11 +302,10 @@ def _link_segments(problem: OptimalControlProblem, form: _Form) -> None:
 
 
 def effort_scale(family: LimitFamily, acceleration: FloatArray) -> FloatArray:
-    """Return what torques [n], or accelerations without masses, are divided by before they are
-    squared.
+    """Return the scales of torques [n], or of accelerations without masses, in the effort.
 
-    Their limits, so that the effort is what the motors lose as heat, each in proportion to its
-    own; the largest limit where a joint has none.
+    The scales are the torque limits, so that the effort is proportional to the heat losses of
+    motors of equal quality; a joint without a limit has the largest one.
     """
     limits = family.robot.limits
     if not family.robot.has_dynamics:
@@ -316,26 +316,27 @@ def effort_scale(family: LimitFamily, acceleration: FloatArray) -> FloatArray:
 
 
 def scale_of(bounds: tuple[FloatArray, FloatArray], typical: FloatArray) -> FloatArray:
-    """Return the limits [n], where given, else typical values."""
+    """Return the magnitudes of limits [n], or typical values for joints without a limit."""
     size = np.maximum(-bounds[0], bounds[1])
     return np.where(np.isfinite(size) & (size > 0), size, typical)
 
 
 def _unless(held: np.ndarray, bounds: Bounds) -> Bounds | None:
-    """Return a condition [n] for joints that are not held; None where there is none."""
+    """Return a condition [n] without joints that are held; None if nothing is left."""
     lower, upper = np.where(held, -np.inf, bounds[0]), np.where(held, np.inf, bounds[1])
     return (lower, upper) if np.isfinite([lower, upper]).any() else None
 
 
 def excess_between(family: LimitFamily, solution: Solution) -> list[FloatArray]:
-    """Return largest relative excess of any limit along every interval: an array [N, K] a phase."""
+    """Return the largest relative excess of any limit in every interval, [N,K] for each phase."""
     excess = excess_along(family, polynomial(solution))
     return np.split(excess, np.cumsum([p.mesh.size - 1 for p in solution.phases])[:-1])
 
 
 def excess_along(family: LimitFamily, shape: PiecewisePolynomial) -> FloatArray:
-    """Return the largest relative excess of any limit at K places of every piece [N, K], the last
-    just before its end: from there on the jerk is that of the next piece.
+    """Return the largest relative excess of any limit at K places of every piece, [N,K].
+
+    The last place lies just before the end of the piece, where the jerk of the next piece begins.
     """
     velocity = shape.derivative()
     acceleration = velocity.derivative()
@@ -347,12 +348,12 @@ def excess_along(family: LimitFamily, shape: PiecewisePolynomial) -> FloatArray:
 
 
 def via_times(solution: Solution) -> FloatArray:
-    """Return times [m] at which the via points are passed, s."""
+    """Return the times [m] at the via points, s."""
     return np.concatenate([[0.0], np.cumsum([phase.duration for phase in solution.phases])])
 
 
 def polynomial(solution: Solution) -> PiecewisePolynomial:
-    """Return the motion between the mesh points, of all phases one after another."""
+    """Return the motion between the mesh points, with all phases one after another."""
     return joined(phase_shapes(solution))
 
 
@@ -368,12 +369,11 @@ def joined(shapes: Sequence[PiecewisePolynomial]) -> PiecewisePolynomial:
 
 
 def phase_shapes(solution: Solution) -> list[PiecewisePolynomial]:
-    """Return the motion of every phase, from time 0 each: cubics, integrals of the linear
-    acceleration.
+    """Return the motion of every phase, from time 0 each, as cubics of the linear acceleration.
 
-    What the solver left open between the intervals is spread along the whole phase by one quintic:
-    divided by the third power of a short interval a gap of 1e-8 would be a large jerk. Where the
-    gaps are large every interval has the quintic that meets q, qd and qdd at both of its ends.
+    One quintic spreads the solver's gaps between intervals over the whole phase: a gap of 1e-8,
+    divided by the third power of a short interval, would be a large jerk. If the gaps are large,
+    every interval gets the quintic that matches q, qd and qdd at both ends instead.
     """
     return [PiecewisePolynomial(phase.t, _integrated(phase)) for phase in solution.phases]
 
@@ -399,12 +399,12 @@ def _integrated(phase: PhaseSolution) -> FloatArray:
     )
     pieces = np.zeros((t.size - 1, 6, q.shape[1]))
     pieces[:, :4] = np.stack([position[:-1], velocity[:-1], 0.5 * qdd[:-1], jerk / 6.0], axis=1)
-    for order in range(6):  # the same quintic from where each interval begins
+    for order in range(6):  # Taylor expansion of the quintic at the start of each interval
         pieces[:, order] += spread(t[:-1]) / factorial(order)
         spread = spread.derivative()
     return pieces
 
 
 def _summed(steps: FloatArray) -> FloatArray:
-    """Return sums [N+1,n] of the first steps [N,n]."""
+    """Return cumulated sums [N+1,n] of steps [N,n], from zero."""
     return np.vstack([np.zeros_like(steps[:1]), np.cumsum(steps, axis=0)])

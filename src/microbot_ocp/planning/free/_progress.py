@@ -1,4 +1,4 @@
-"""Iterations of the solvers as motions of the robot, for whoever watches them."""
+"""Iterations of the solvers as motions of the robot, for progress displays."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from microbot_ocp.motion import State, torque_along
 from microbot_ocp.ocp.solution import Iteration, StepProgress, quiet
 from microbot_ocp.robot import Robot
 
-Samples = tuple[FloatArray, State]  # times [M] of the mesh points, s, and the state there
+Samples = tuple[FloatArray, State]  # mesh points: times [M], s, and states
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +21,7 @@ class MotionIteration(Iteration):
     Attributes
     ----------
     robot : Robot
-        With the limits of the task.
+        Robot with the limits of the task.
     via_q : array [m,n]
         Via points, rad (m).
     """
@@ -30,9 +30,9 @@ class MotionIteration(Iteration):
     via_q: FloatArray = field(repr=False)
 
     def motion(self) -> Samples:
-        """Return times [M], s, and the state [M,n] at the mesh points, constraints met or not."""
+        """Return times [M], s, and the states [M,n] at the mesh points, also of infeasible ones."""
         starts = np.cumsum([0.0, *(phase.duration for phase in self.phases)])
-        # where a phase ends the next begins
+        # The last point of a phase is the first one of the next.
         last = len(self.phases) - 1
         rows = [slice(None) if k == last else slice(-1) for k in range(len(self.phases))]
         parts = list(zip(self.phases, rows, strict=True))
@@ -48,9 +48,7 @@ class MotionIteration(Iteration):
 
 
 def with_motion(progress: StepProgress, robot: Robot, via_q: FloatArray) -> StepProgress:
-    """Return a progress function for solvers that gives ``progress`` every iteration with its
-    motion.
-    """
+    """Return a progress function for solvers that passes each iteration on with its motion."""
     if progress is quiet:
         return quiet
 

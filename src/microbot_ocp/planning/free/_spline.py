@@ -1,14 +1,14 @@
 """Cubic B-splines on the meshes of phases, in the unknowns of the flat program.
 
-A piecewise linear, continuous acceleration is the second derivative of a cubic spline. In a phase
-of duration T with N intervals the position is ``q(s) = sum_j B_j(s) c_j`` of N + 3 coefficients,
-with s = t / T. Position, velocity and acceleration at an end decide the first or last three:
+A continuous, piecewise linear acceleration is the second derivative of a cubic spline. In a phase
+of duration T with N intervals the position is ``q(s) = sum_j B_j(s) c_j`` with N + 3 coefficients
+and s = t / T. Position, velocity and acceleration at an end determine the three coefficients there:
 
 ``c_0 = q,  c_1 = q + T v / B_1'(0),  c_2 = q - B_1'' T v / (B_2'' B_1') + T^2 a / B_2''``
 
-so that phases share q, v and a where they meet, and every unknown u_m has a power of T that it
-comes with: 0 for a coefficient and for q, 1 for v, 2 for a. Derivative d of the position at a point
-is the sum of ``W_dm T^(p_m - d) u_m`` over the few unknowns in the window of its interval.
+Phases therefore share q, v and a at via points. Each unknown u_m has a power p_m of T: 0 for a
+coefficient and for q, 1 for v, 2 for a. Derivative d of the position at a point is the sum of
+``W_dm T^(p_m - d) u_m`` over the few unknowns in the window of its interval.
 
 Theory: docs/theory/flat.md. Bases: L. Piegl, W. Tiller, The NURBS Book, 2nd ed., section 2.5.
 """
@@ -25,27 +25,30 @@ from microbot_ocp._base.checks import FloatArray
 IntArray = np.ndarray
 
 DEGREE = 3
-ENDS = 3  # coefficients at either end that position, velocity and acceleration decide
-PLACES = np.array([0.0, 0.5, 1.0])  # of an interval where limits are looked at
-# half an interval times the slope of the parabola through values at the places, at start and end:
-# a mean over half an interval would let rates exceed their limits by a share of its length
+ENDS = 3  # number of coefficients that q, v and a determine at either end
+PLACES = np.array([0.0, 0.5, 1.0])  # places of limits, shares of an interval
+# Slope of the parabola through values at the places, at start and end, times half the interval. A
+# mean slope over half an interval would let rates exceed their limits by a share of its length.
 SLOPES = np.array([[-1.5, 2.0, -0.5], [0.5, -2.0, 1.5]])
 
 
 def local_bases(
     knots: FloatArray, span: IntArray, s: FloatArray, degree: int, order: int
 ) -> FloatArray:
-    """Return one derivative of the basis functions that are not zero at places [S]: [S,degree+1].
+    """Return a derivative of the nonzero basis functions at places [S]: [S,degree+1].
 
     Parameters
     ----------
     knots : array
     span : array of int [S]
-        The last knot at or before each place.
+        Index of the last knot at or before each place.
     s : array [S]
+        Places.
     degree, order : int
+        Degree of the spline and order of the derivative.
     """
     if order > 0:
+        # B'_{j,p} = p (B_{j,p-1} / (t_{j+p} - t_j) - B_{j+1,p-1} / (t_{j+p+1} - t_{j+1})).
         lower = local_bases(knots, span, s, degree - 1, order - 1)
         bases = np.zeros((s.size, degree + 1))
         for r in range(degree):
@@ -55,6 +58,7 @@ def local_bases(
             bases[:, r + 1] += term
         return bases
     bases = np.ones((s.size, 1))
+    # Cox-de Boor recursion: each degree follows from the one below by convex combinations.
     for k in range(1, degree + 1):
         higher = np.zeros((s.size, k + 1))
         for r in range(k):
@@ -67,10 +71,9 @@ def local_bases(
 
 
 def _end_relations(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Return factors [3,3] of q, T v and T^2 a in the three coefficients at an end, from the end
-    inwards.
+    """Return factors [3,3] of q, T v and T^2 a in the coefficients at an end, outermost first.
 
-    Of the first and second derivatives [3] there of their basis functions.
+    ``first`` and ``second`` [3] are derivatives of their basis functions at the end.
     """
     return np.array(
         [
@@ -83,28 +86,28 @@ def _end_relations(first: FloatArray, second: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """Intervals, or ends of phases, with equally many unknowns that decide the motion there.
+    """Intervals, or ends of phases, whose motion depends on the same number of unknowns.
 
     Attributes
     ----------
     phase : array of int [K]
     columns : array of int [K,M]
-        Where the n numbers of each unknown begin.
+        Index of the first of the n entries of each unknown.
     powers : array [K,M]
-        Of the duration, that the unknown comes with.
+        Power of the duration of each unknown.
     anchored : array [K,M]
-        One for positions at via points, from which that at the start of the phase is taken off:
-        coefficients are relative to it.
+        One for positions at via points, zero for coefficients: these are relative to the position
+        at the start of the phase, which is subtracted from the former.
     weights : array [K,3,3,M]
-        W, of position, velocity and acceleration at the start, middle and end of the interval.
+        W, for position, velocity and acceleration at the start, middle and end of the interval.
     jerks : array [K,M]
-        The same of the jerk, which is constant in an interval.
+        W of the jerk, which is constant in an interval.
     lengths : array [K]
-        Share of the phase.
+        Length of the interval, share of the phase.
     points : array of int [K,3]
-        Numbers of the start, middle and end among all points.
+        Indices of the start, middle and end among all points.
     own : slice
-        Which of the three points this window is asked for; each has one window.
+        Points of the three that are evaluated in this window; each point has one window.
     """
 
     phase: IntArray
@@ -119,33 +122,35 @@ class Windows:
 
     @property
     def is_interval(self) -> bool:
-        """Whether these are intervals, not ends of phases."""
+        """True for intervals, False for ends of phases."""
         return self.own.start == 0
 
 
 @dataclass(frozen=True, eq=False)
 class SplineLayout:
-    """Where the unknowns of all phases stand, and the windows of all intervals.
+    """Places of the unknowns of all phases, and the windows of all intervals.
 
     Unknowns are, joint by joint: position, velocity and acceleration at the first via point, the
-    coefficients between, the same at the next via point, and so on; in the end one duration a
-    phase. Where an acceleration may jump at a via point there are two.
+    inner coefficients, position, velocity and acceleration at the next via point, and so on; at the
+    end one duration per phase. A via point with a jump of the acceleration has two of them.
 
     Attributes
     ----------
     meshes : tuple of array [N+1]
     count : int
-        Joints.
+        Number of joints.
     nodes : tuple of (q, v, a before, a after)
-        Where they begin, of every via point.
+        Index of the first entry of each, for every via point.
     inner : tuple of slice
-        Coefficients [N-3,n] of every phase between those that its ends decide.
+        Inner coefficients [N-3,n] of every phase.
     durations : slice
+        Durations of the phases.
     windows : tuple of Windows
+        Windows of the intervals.
     ends : tuple of Windows
-        Of the last point of every phase.
+        Windows of the last point of every phase.
     points : int
-        Start and middle of every interval, and the end of each phase.
+        Number of points: start and middle of every interval, and the end of each phase.
     """
 
     meshes: tuple[FloatArray, ...]
@@ -164,14 +169,14 @@ class SplineLayout:
 
     @property
     def every(self) -> tuple[Windows, ...]:
-        """All windows: each point is one's own."""
+        """All windows, in which each point is evaluated once."""
         return (*self.windows, *self.ends)
 
 
 def spline_layout(meshes: Sequence[FloatArray], count: int, jumps: Sequence[bool]) -> SplineLayout:
-    """Return the layout of ``count`` joints on a mesh for each phase, of at least four intervals.
+    """Return the layout of ``count`` joints on a mesh for each phase, with at least four intervals.
 
-    ``jumps`` says of every via point whether the acceleration may jump there.
+    ``jumps`` has True for a via point at which the acceleration may jump.
     """
     nodes: list[tuple[int, int, int, int]] = []
     inner: list[slice] = []
@@ -211,7 +216,7 @@ def _phase_windows(
     end: tuple[int, int, int, int],
     first_point: int,
 ) -> tuple[list[_Window], _Window]:
-    """Return the windows of all intervals of a phase, and that of its last point."""
+    """Return the windows of all intervals of a phase, and the window of its last point."""
     intervals = mesh.size - 1
     knots = np.concatenate([mesh[:1].repeat(DEGREE), mesh, mesh[-1:].repeat(DEGREE)])
     span = (np.arange(intervals) + DEGREE)[:, None] + np.zeros(PLACES.size, dtype=int)
@@ -229,6 +234,8 @@ def _phase_windows(
     anchored[[0, -1]] = 1.0
     relation = np.eye(columns.size)
     relation[:ENDS, :ENDS] = _end_relations(bases[0, 0, 1], bases[0, 0, 2])
+    # The matrix ``relation`` maps unknowns to B-spline coefficients: identity, except for the
+    # three at either end.
     last = _end_relations(bases[-1, -1, 1, ::-1], bases[-1, -1, 2, ::-1])
     relation[-ENDS:, -ENDS:] = last[::-1, ::-1]
     rows = list[_Window]()
@@ -244,7 +251,7 @@ def _phase_windows(
 
 
 def _grouped(rows: Sequence[_Window], own: slice) -> tuple[Windows, ...]:
-    """Return the windows with equally many unknowns together."""
+    """Return the windows grouped by their number of unknowns."""
     sizes = sorted({row[1].size for row in rows})
     grouped = []
     for size in sizes:

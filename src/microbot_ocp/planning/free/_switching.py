@@ -1,8 +1,9 @@
 """The fastest motion with its switching times as unknowns, exact to the integrator.
 
 On the mesh of a free motion the acceleration is linear between points; that of the fastest motion
-jumps. From the arcs of a motion the times at which a limit takes over from another are solved for
-(:func:`microbot_ocp.ocp.solve_switching_times`): what acts on an arc holds all along it.
+jumps. The arcs of the mesh solution become phases, and
+:func:`microbot_ocp.ocp.solve_switching_times` solves for the times between them: on an arc the same
+limit is active throughout.
 """
 
 from __future__ import annotations
@@ -30,10 +31,10 @@ from microbot_ocp.planning.free._problem import excess_along, free_problem
 from microbot_ocp.planning.task import derivatives_for
 from microbot_ocp.robot import Robot
 
-MESH = 60  # intervals a phase on which arcs are looked for
+MESH = 60  # number of intervals per phase of the search for arcs
 SCHEME = Collocation("radau", 3)
 SETTINGS = SolverSettings("ipopt", tolerance=1e-8, initial_barrier=1e-4)
-PIECES = 4  # quintics for an interval of an arc
+PIECES = 4  # number of quintics per interval of an arc
 
 
 def in_arcs(
@@ -43,14 +44,17 @@ def in_arcs(
     guesses: Mapping[str, Guess],
     progress: StepProgress,
 ) -> Motion:
-    """Return a free motion with the switching times of the fastest one beside it.
+    """Return the fastest motion with exact switching times, or the given one with their record.
 
     Parameters
     ----------
     family : LimitFamily
-    held : the robot as it is planned with, locked joints held
-    motion : as it was found on a mesh; what is returned where its arcs are not those of an optimum
-    guesses : its values by phase
+    held : Robot
+        Robot of the program, with locked joints held.
+    motion : Motion
+        Motion on a mesh; the result if its arcs are not those of an optimum.
+    guesses : mapping
+        Values of the motion by phase.
     progress : callable
     """
     marks = motion.marks
@@ -113,7 +117,7 @@ def _with_jerk(guess: Guess) -> Guess:
 
 
 def _polynomial_of(exact: SwitchingTimes) -> PiecewisePolynomial:
-    """Return the motion as quintics that meet its positions, velocities and accelerations."""
+    """Return the motion as quintics that match its positions, velocities and accelerations."""
     breaks, pieces, start = [np.zeros(1)], [], 0.0
     places = np.linspace(0.0, 1.0, PIECES + 1)
     for names in exact.pieces.values():

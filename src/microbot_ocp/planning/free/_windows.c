@@ -1,23 +1,25 @@
-/* The loops of a flat program over its windows, with the equations and the arrays of
- * _flat_loops.py. Entries of matrices go where lists of places say; -1 is one that the program does
- * not have.
+/* Loops of a flat program over its windows; equations (2) and (3) of docs/theory/flat.md, arrays of
+ * _flat_loops.py. Lists of places hold the index of each entry among a matrix's nonzeros, -1 for an
+ * entry that the program does not have. All arrays are row-major; letters are those of the python
+ * file: k a window, m an unknown of the M in it, p a place of 3, d an order of derivative, i a joint
+ * of n, r a limit of R, j a limited torque rate of J.
  */
 #include <string.h>
 
 #define ORDERS 3
 #define PLACES 3
 
-/* half an interval times the slope of the parabola through three values, at start and end */
+/* Slopes of the parabola through three values, at start and end, times half an interval. */
 static const double SLOPES[2][PLACES] = {{-1.5, 2.0, -0.5}, {0.5, -2.0, 1.5}};
 
 typedef struct {
-    long count, unknowns, own_begin, own_end, inside; /* inside: of an interval, not of an end */
+    long count, unknowns, own_begin, own_end, inside; /* inside: 1 for intervals, 0 for ends */
     const int *phase, *columns, *points;
     const double *powers, *anchored, *weights, *jerks, *lengths;
-    /* places of entries of the Jacobian and of the Hessian, as WindowPlaces has them */
+    /* Places of the entries of the Jacobian and of the Hessian, as in WindowPlaces. */
     const int *limit, *limit_time, *bound, *bound_time, *rate, *rate_time, *jerk, *jerk_time;
     const int *hessian, *hessian_time, *time_time;
-    /* motion in the windows, as MovedWindows has it */
+    /* Motion in the windows, as in MovedWindows; e are the weights of the jerk j. */
     double *w, *w_time, *y, *y_time, *y_second, *e, *e_time, *j, *j_time, *j_second;
 } Windows;
 
@@ -27,6 +29,7 @@ typedef struct {
     const double *bound_scale, *rate_scale, *jerk_scale, *jerk_weight, *typical, *starts;
 } Form;
 
+/* t to an integer power, by repeated multiplication. */
 static double power(double t, double exponent)
 {
     double value = 1.0;
@@ -35,6 +38,10 @@ static double power(double t, double exponent)
     return value;
 }
 
+/* Equation (2) at some places of window k, with first and second derivatives by the duration T:
+ * y_d = sum_m W_dm T^(p_m - d) u_m for the orders d = lowest to lowest + orders - 1. Positions are
+ * relative to the start of the phase, so anchored unknowns have it subtracted.
+ */
 static void moved(const Windows *s, const Form *f, long k, int places, int orders, int lowest,
                   const double *weights, const double *x, double T, double *w, double *w_time,
                   double *y, double *y_time, double *y_second)
@@ -81,6 +88,7 @@ void windows_move(const Windows *s, const Form *f, const double *x, const double
     }
 }
 
+/* Cost: durations plus the integral of the weighted squared jerk, constant in an interval. */
 void windows_cost(const Windows *s, const Form *f, const double *T, double *by_time,
                   double *gradient, double *total)
 {
@@ -107,6 +115,9 @@ static void put(double *entries, const int *places, long count, const double *va
         if (places[k] >= 0) entries[places[k]] = values[k];
 }
 
+/* Jacobian: g_y W by the unknowns, g_y dy/dT by the duration. A torque rate is the difference
+ * (SLOPES torques) of its three points, divided by the duration: the quotient rule applies.
+ */
 void windows_jacobian(const Windows *s, const Form *f, const double *T, const double *values,
                       const double *slopes, double *block, double *entries)
 {
@@ -114,8 +125,8 @@ void windows_jacobian(const Windows *s, const Form *f, const double *T, const do
     const int rates = s->inside && J;
     const long begin = rates ? 0 : s->own_begin, end = rates ? PLACES : s->own_end;
     const long own = s->own_end - s->own_begin;
-    double *by_time = block + PLACES * M * size; /* of limits at the places [3,R] */
-    double *difference = by_time + PLACES * R;   /* of two torques [M,J,n] */
+    double *by_time = block + PLACES * M * size; /* derivatives of limits by the duration [3,R] */
+    double *difference = by_time + PLACES * R;   /* derivatives of torque differences [M,J,n] */
     for (long k = 0; k < s->count; k++) {
         const double *w = s->w + k * PLACES * ORDERS * M, t = T[s->phase[k]];
         const double *y_time = s->y_time + k * PLACES * ORDERS * n;
@@ -186,6 +197,10 @@ void windows_jacobian(const Windows *s, const Form *f, const double *T, const do
     }
 }
 
+/* Hessian of the Lagrangian, upper triangle; equation (3): part = W' G W, turned = G dy/dT, and
+ * by_time = W' turned + (dW/dT)' g. For each order d, carried sums the blocks of row d times the
+ * weights of their other order, so that the M^2 products with the weights of d are needed once.
+ */
 void windows_hessian(const Windows *s, const Form *f, const double *T, const double *values,
                      const double *slopes, const double *blocks, const double *gradient,
                      const double *of_rates, const double *of_jerks, double of_cost, double *work,
@@ -196,7 +211,7 @@ void windows_hessian(const Windows *s, const Form *f, const double *T, const dou
     double *by_time = carried + M * nn;
     for (long k = 0; k < s->count; k++) {
         const double t = T[s->phase[k]];
-        const long start = s->points[k * PLACES]; /* the points of an interval are neighbours */
+        const long start = s->points[k * PLACES]; /* points of an interval are consecutive */
         const double *w = s->w + k * PLACES * ORDERS * M, *w1 = s->w_time + k * PLACES * ORDERS * M;
         double time_time = 0.0;
         memset(part, 0, M * M * nn * sizeof *part);
@@ -207,7 +222,8 @@ void windows_hessian(const Windows *s, const Form *f, const double *T, const dou
             const double *slope = gradient + point * ORDERS * n;
             memset(turned, 0, ORDERS * n * sizeof *turned);
             for (int d = 0; d < ORDERS; d++) {
-                /* blocks of a row d, each times the weights of the other order */
+                /* Row d of blocks of G times weights: G is symmetric, so a block (one, two) with
+                 * one < two also counts transposed. */
                 int any = 0;
                 memset(carried, 0, M * nn * sizeof *carried);
                 for (long b = 0; b < f->pairs; b++) {
@@ -270,7 +286,8 @@ void windows_hessian(const Windows *s, const Form *f, const double *T, const dou
                 time_time += length * (2.0 * by * j1[i] + t * (weight * j1[i] * j1[i] + by * j2[i])) +
                              of_jerks[start * n + i] * j2[i];
             }
-            /* rows of rates have the duration below them */
+            /* A rate is D / T: the part of D is in G and g, the quotient's part follows: -D_u / T by
+             * unknowns, -2 D_T / T + 2 D / T^2 by the duration. */
             for (long p = 0; J && p < PLACES; p++) {
                 const long point = s->points[k * PLACES + p];
                 const double *of = slopes + point * ORDERS * R * n;

@@ -1,9 +1,9 @@
-"""Motions that keep every limit, from one that exceeds some between the points of its mesh.
+"""Motions within every limit, from one that exceeds some between its mesh points.
 
-The path of such a motion is timed anew: no faster than before anywhere, and slower only where a
-limit asks for it. That takes two passes of reachability, and costs about as much as one more mesh
-would gain. Limits of jerk and torque rate, and others that reachability cannot keep, take a motion
-that is slowed down evenly. Where nothing is found at all there are ways that need no search.
+The path of such a motion gets a new timing: nowhere faster than before, and slower only at a limit.
+That takes two passes of reachability, and costs about as much time of motion as another mesh would
+gain. Under limits of jerk and torque rate, and others outside of reachability, the whole motion is
+slowed down by one factor. If there is no such motion, known ways need no search.
 """
 
 from __future__ import annotations
@@ -36,19 +36,18 @@ from microbot_ocp.trajectories import cubic, quintic, shortest_duration, spline
 
 @dataclass(frozen=True)
 class SlowingDown:
-    """Settings by which a motion is slowed down until limits hold.
+    """Settings of slowing a motion down until limits hold.
 
     Attributes
     ----------
-    grid : intervals at least, to begin with
-    least_rounds : grids that are looked at though the time is over
-    rounds : grids, each with the intervals cut in which a limit is exceeded
-    finer : times the usual samples, until torques between them are no surprise
-    close : share by which a motion that is slowed down evenly might be faster
-    deciding : places of a motion that say first by how much it is slowed down evenly
-    seen : places of a spline at which it may leave the position limits
-    most_evenly : times the duration: a motion that must be slowed down more is none to go on
-        from
+    grid : smallest number of intervals of the first grid
+    least_rounds : number of grids that are solved even after the time limit
+    rounds : largest number of grids, each refined where a limit is exceeded
+    finer : factors on the number of samples, tried until torques between samples are resolved
+    close : relative accuracy of the factor of a uniform slowdown
+    deciding : number of places that determine the factor of a uniform slowdown first
+    seen : number of places of a spline at which position limits are checked
+    most_evenly : largest factor of a uniform slowdown
     """
 
     grid: int = 1000
@@ -65,7 +64,7 @@ SLOWING = SlowingDown()
 
 
 class Slowed(NamedTuple):
-    """A motion that keeps its limits, with the name of what it was made from."""
+    """A motion within its limits, and the name of its origin."""
 
     motion: Motion
     made_from: str
@@ -80,22 +79,21 @@ def within_limits(
     *,
     moving: bool = False,
 ) -> Motion | None:
-    """Return the motion ``shape``, slowed down where it exceeds limits; None where that does not
-    help.
+    """Return the motion ``shape``, slowed down where it exceeds limits; None if that fails.
 
     Parameters
     ----------
     family : LimitFamily
     shape : PiecewisePolynomial
-        A motion that ends at rest, smooth but for its acceleration.
+        Motion that ends at rest, with a continuous velocity.
     via_times : array [m]
-        When it passes the via points, s.
+        Times at the via points, s.
     tolerance : float
-        Largest relative excess of a limit, between samples, too.
+        Largest relative excess of a limit, also between samples.
     fast : bool
         Use compiled functions.
     moving : bool
-        Whether the motion begins at a speed that stays: nothing is slowed down evenly then.
+        Keep the initial velocity, which excludes a uniform slowdown.
     """
 
     def evenly() -> Motion | None:
@@ -105,7 +103,7 @@ def within_limits(
         motion = Motion.from_polynomial(family.robot, shape, label="time-optimal", marks=marks)
         return _slowed_evenly(family, motion, tolerance)
 
-    if family.means:  # slower is no less of a mean
+    if family.means:  # a slower motion need not have a smaller mean: gravity remains
         return None
     if family.jerk_matters:
         return evenly()
@@ -141,9 +139,10 @@ def within_limits(
 
 
 def with_steady_ends(timing: Reached, ends: Sequence[int] = (0, -1)) -> Reached:
-    """Return the same with an even ds/dt in the first (0) and the last (-1) interval.
+    """Return the timing with constant ds/dt in the first (0) and the last (-1) interval.
 
-    At an end at rest d2s/dt2 asks for no torque, so that nothing bounds it there, but close by.
+    At an end at rest the tangent vanishes, so that d2s/dt2 needs no torque and no limit bounds it
+    there, but limits do nearby.
     """
     x, start, end = (a.copy() for a in (timing.speed_squared, timing.start, timing.end))
     lasts = np.diff(timing.t)
@@ -156,10 +155,10 @@ def with_steady_ends(timing: Reached, ends: Sequence[int] = (0, -1)) -> Reached:
 
 
 def known_ways(family: LimitFamily, via: FloatArray, tolerance: float, fast: bool) -> Slowed | None:
-    """Return the fastest motion through via points [m,n] that needs no search, where there is one.
+    """Return the fastest motion through via points [m,n] that needs no search, or None.
 
-    A spline or straight lines with their best timing; where these have none that keeps all limits
-    to the ``tolerance``, a shape that is slowed down evenly.
+    Candidates are a spline and straight lines with their best timings. If none keeps all limits to
+    the ``tolerance``, a smooth shape is slowed down by one factor.
     """
     for ways in (_timed_ways(family, via, fast), _smooth_ways(family, via)):
         motions = ((_keeping(family, way.motion, tolerance), way.made_from) for way in ways)
@@ -173,7 +172,7 @@ def _timed_ways(family: LimitFamily, via: FloatArray, fast: bool) -> Iterator[Sl
     for name, path in () if family.jerk_matters else _paths(family, via):
         try:
             timing = time_path(family.robot, path, compiled=fast)
-        except InputError:  # it leaves the position limits, or cannot be held at a corner
+        except InputError:  # the path leaves the position limits, or cannot be held at a corner
             continue
         if timing.solved and not timing.limits_kept_by[LATER]:
             marks = _marks(np.interp(path.breaks, timing.s, timing.t))
@@ -184,7 +183,7 @@ def _smooth_ways(family: LimitFamily, via: FloatArray) -> Iterator[Slowed]:
     typical = TaskScale.of(family, via).durations
     if family.jerk_matters:
         shapes = [quintic(via, _sums(typical))]
-    else:  # dry friction and gravity ask for other shares of the time than limits let expect
+    else:  # dry friction and gravity change the shares of the durations, so equal ones follow
         shapes = [_smooth(family, via, _sums(times)) for times in (typical, np.ones_like(typical))]
     for shape in shapes:
         slowed = _scaled_shape(family, shape)
@@ -193,9 +192,7 @@ def _smooth_ways(family: LimitFamily, via: FloatArray) -> Iterator[Slowed]:
 
 
 def _paths(family: LimitFamily, via: FloatArray) -> Iterator[tuple[str, PiecewisePolynomial]]:
-    """Yield ways through via points by name; the parameter of the first is the distance
-    travelled.
-    """
+    """Yield ways through via points by name; the parameter of the first is its length."""
     steps = np.diff(via, axis=0) / TaskScale.of(family, via).velocity
     lengths = np.linalg.norm(steps, axis=1)
     yield "a spline through the via points", _smooth(family, via, _sums(lengths))
@@ -207,9 +204,7 @@ def _sums(steps: FloatArray) -> FloatArray:
 
 
 def _smooth(family: LimitFamily, via: FloatArray, times: FloatArray) -> PiecewisePolynomial:
-    """Return a spline, or cubic segments, which swing out less, where it leaves the position
-    limits.
-    """
+    """Return a spline, or cubic segments if the spline overshoots the position limits."""
     shape, limits = spline(via, times), family.robot.limits
     q = shape(np.linspace(times[0], times[-1], SLOWING.seen))
     out = ((q < limits.q_min) | (q > limits.q_max)).any()
@@ -219,28 +214,26 @@ def _smooth(family: LimitFamily, via: FloatArray, times: FloatArray) -> Piecewis
 def _keeping(
     family: LimitFamily, motion: Motion, tolerance: float, moving: bool = False
 ) -> Motion | None:
-    """Return a motion that keeps its limits, as it is or, from rest, slowed down evenly; None where
-    that is none.
-    """
+    """Return a motion if it keeps its limits, otherwise its uniform slowdown from rest, or None."""
     if largest_excess(family, motion) <= tolerance:
         return motion
     return None if moving else _slowed_evenly(family, motion, tolerance)
 
 
 def largest_excess(family: LimitFamily, motion: Motion) -> float:
-    """Return that of any limit but those of rates, relative, between samples, too."""
+    """Return the largest relative excess of any limit except rates, also between samples."""
     state = motion.sample(dense_times(motion)[0])
     use = family.use(MotionSamples(*state, np.zeros_like(state.q)), family.of_order(0, 1, 2))
     return max((float(ratio.max()) for ratio in use.values()), default=0.0) - 1.0
 
 
 def _slowed_evenly(family: LimitFamily, motion: Motion, tolerance: float) -> Motion | None:
-    """Return a motion slowed down until its limits hold to the tolerance, where that helps."""
+    """Return a motion slowed down by one factor until its limits hold, or None."""
     _, samples, _, jumps = motion.history()
     dense = MotionSamples(*map(np.concatenate, zip(samples, jumps, strict=True)))
     most, places = SLOWING.most_evenly, family.use(dense, family.of_order(0))
     if any(not ratio.max() <= 1.0 + tolerance for ratio in places.values()):
-        return None  # slower is no other place
+        return None  # limits of position do not depend on the speed
     slowed = family.of_order(1, 2, 3)
 
     def use(slower: float, rows: np.ndarray) -> FloatArray:
@@ -251,7 +244,7 @@ def _slowed_evenly(family: LimitFamily, motion: Motion, tolerance: float) -> Mot
     every = np.arange(len(dense.q))
     if not use(most, every).max() <= 1.0 + tolerance:
         return None
-    # Few places decide by how much; all of them are looked at again with what those ask for.
+    # A few places determine the factor; all places are checked with it, and the worst ones join.
     ratios, deciding, high = use(1.0, every), every[:0], 1.0
     while True:
         broken = ~(ratios <= 1.0 + tolerance)
@@ -272,8 +265,9 @@ def _slowed_evenly(family: LimitFamily, motion: Motion, tolerance: float) -> Mot
 def slowed_together(
     families: Sequence[LimitFamily], shapes: Sequence[PiecewisePolynomial], tolerance: float
 ) -> list[PiecewisePolynomial] | None:
-    """Return shapes that follow one another, slowed down evenly by one factor until each keeps the
-    limits of its family to the tolerance; None where that does not help.
+    """Return consecutive shapes slowed down by one common factor until each keeps its limits.
+
+    None if no factor helps.
     """
 
     def kept(shape: PiecewisePolynomial, family: LimitFamily) -> bool:
@@ -293,12 +287,12 @@ def slowed_together(
 
 
 def _scaled_shape(family: LimitFamily, shape: PiecewisePolynomial) -> Motion | None:
-    """Give a shape at the shortest duration at which it keeps all limits; its breaks are marked."""
+    """Return a shape at its shortest duration within all limits, with marks at its breaks."""
     try:
         scaled = shortest_duration(family.robot, shape, time_limit=max(deadline.left(), 1e-3))
-    except InputError:  # gravity alone asks for more, or it leaves the position limits
+    except InputError:  # gravity alone exceeds a limit, or the shape leaves the position limits
         return None
-    if not scaled.utilisation <= 1.0:  # when the time was over it may keep them, too
+    if not scaled.utilisation <= 1.0:  # the time limit may end the scaling early
         return None
     marks = _marks(scaled.polynomial.breaks)
     return Motion.from_polynomial(
