@@ -50,7 +50,7 @@ from microbot_ocp.ocp.solution import (
     cost_size,
 )
 from microbot_ocp.ocp.solvers import SolveContext, SolverSettings, transcribed
-from microbot_ocp.ocp.starts import Rollouts, default_guess, guess_from
+from microbot_ocp.ocp.starts import Rollouts, default_guess, following_lines, guess_from
 from microbot_ocp.ocp.transcription import Meshes, Transcription
 from microbot_ocp.ocp.transcription.schemes import Scheme
 from microbot_ocp.ocp.verification import judge
@@ -525,6 +525,16 @@ def _simulated(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
             yield replace(task, guess=guess).start()
 
 
+def _along_lines(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
+    assert isinstance(task.problem, OptimalControlProblem)
+    if task.guess is None:
+        problem = with_shapes(task.problem, "constant", tied=False)
+        ordinary = default_guess(problem)
+        guess = following_lines(problem, ordinary)
+        if any(guess[name] is not ordinary[name] for name in guess):
+            yield replace(task, problem=problem, guess=guess).start()
+
+
 def _from_many_starts(task: SolveTask, tried: list[Attempt]) -> Iterator[Start]:
     start = task.start()
     cheapest, attempts = cheapest_of_starts(start.context, SEARCH.compared)
@@ -555,6 +565,11 @@ STRATEGIES = (
         _from_a_coarser_mesh,
         "stiff reactors and long horizons take hundreds of iterations on a fine mesh, few on a "
         "coarse one",
+    ),
+    Strategy(
+        "from controls that follow straight lines",
+        _along_lines,
+        "headings where the speed is zero in the guess, so that they have no influence there",
     ),
     Strategy(
         "from the simulation that ends nearest",

@@ -1,5 +1,8 @@
 """Public names, loaded on first use."""
 
+from ._followed_lines import (
+    following_lines as following_lines,
+)
 from ._initial_guess import (
     completed as completed,
     default_guess as default_guess,
