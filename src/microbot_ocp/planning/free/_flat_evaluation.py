@@ -57,6 +57,7 @@ class FlatEvaluation:
         self._parts = [slice(a, b) for a, b in itertools.pairwise(counts)]
 
     def _move(self, x: FloatArray) -> None:
+        # Solvers ask for values and derivatives at one point in separate calls.
         key = x.tobytes()
         if key == self._at:
             return

@@ -161,6 +161,7 @@ class FlatLayout:
         for interval, (q, v, before, after), kind in ends:
             a = before if kind == "final" else after
             parts = [(kind, "q", q), ("state", "qd", v), ("control", "qdd", a)]
+            # A via point with a jump has two accelerations, one for each side.
             if before != after and index > 0:
                 parts.append(("control", "qdd", before))
             for kind_of, key, start in parts:

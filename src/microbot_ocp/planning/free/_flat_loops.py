@@ -266,6 +266,8 @@ class NumpyLoops:
         weight, lengths = 2.0 * of_cost * moved.form.jerk_weight, windows.lengths[:, None]
         spans = lengths * T[windows.phase][:, None]
         w, of_rows = moved.jerk_weights, of_jerks[windows.points[:, 0]]
+        # The cost of an interval is the weighted squared jerk times its duration h T; the duration
+        # appears in both factors.
         products = (w[:, :, None] * w[:, None, :] * spans[..., None])[..., None]
         part[..., diagonal, diagonal] += products * weight
         slope = weight * moved.jerk

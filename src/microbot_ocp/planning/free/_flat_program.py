@@ -288,6 +288,8 @@ class FlatTranscription:
                         np.array([self._bounds(k, key)[side] for key in POINT_KEYS])
                         / scales.motion,
                     ),
+                    # A row is a torque difference times (typical / actual duration): its bound is
+                    # the rate times half an interval of the typical duration.
                     (
                         rows.of_rates[mine],
                         (lengths[mine] * scales.durations[k])[:, None]
@@ -309,6 +311,7 @@ class FlatTranscription:
         Stationarity cannot be: an acceleration is a coefficient divided by the square of an
         interval, and on short intervals rounding dominates it.
         """
+        # The band solver eliminates slacks of inequalities: equal bounds of a row are an equation.
         given: dict[str, Any] = {
             "linear_solver": "ldl" if (program.row_lower == program.row_upper).any() else "band",
             "nlp_scaling_method": "none",  # rows and unknowns are scaled already
@@ -392,7 +395,9 @@ class FlatTranscription:
             return StartingPoint(x)
         if same and old_rows.height == program.structure.rows.height:
             return StartingPoint(x, *multipliers)
+        # Multipliers at via points and of durations carry over; inner coefficients have no bounds.
         moved = _moved_rows(old_rows, program.structure.rows, multipliers[0])
+        # Inner coefficients have no bounds, hence no multipliers.
         variables = np.zeros(layout.size)
         old_layout = old_rows.layout
         n = layout.count

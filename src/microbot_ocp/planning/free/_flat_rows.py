@@ -124,6 +124,7 @@ def flat_rows(
     for k, (mesh, family, limit) in enumerate(zip(layout.meshes, families, limits, strict=True)):
         last = first + 2 * (mesh.size - 1)
         before, after = layout.nodes[k][2:]
+        # Torques at a via point are rows once, unless the two sides differ.
         again = k == 0 or before != after or limit is not limits[k - 1]
         at_points[first + (not again) : last + 1, : limit.count] = True
         for order, key in enumerate(POINT_KEYS):

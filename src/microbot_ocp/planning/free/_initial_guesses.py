@@ -152,6 +152,7 @@ class _Drawn:
         """Return segments with random oscillations."""
         size = _between(random, GUESSES.swings) * self.free
         waves = random.normal(size=(len(self.names), GUESSES.harmonics, self.via.shape[1]))
+        # Amplitudes fall like 1 / k, which keeps the velocities of all harmonics alike.
         waves *= size / np.arange(1, GUESSES.harmonics + 1)[:, None]
         slower = _between(random, GUESSES.swing_durations)
         factors = slower * GUESSES.spread ** random.uniform(-1.0, 1.0, len(self.names))

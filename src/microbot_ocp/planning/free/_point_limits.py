@@ -177,6 +177,7 @@ def _parts(robot: Robot, key: str, state: list[ca.SX], held: list[ca.SX]) -> Ite
     ):
         if not isinstance(bound, ca.SX) and not np.isfinite(bound).any():
             continue
+        # A bound that varies moves to the left side: the row is the excess, at most zero.
         room = sign * (value - (bound if isinstance(bound, ca.SX) else ca.DM(bound)))
         scale = finite_scale(np.ravel(typical), np.ravel(typical)) * np.ones(size)
         names = [(key, k, side) for k in range(size)]

@@ -218,6 +218,7 @@ def _declare_state(phase: Phase, form: _Form, index: int) -> tuple[Any, Any, Any
         initial = start if first else _unless(held, start)
         return {"initial": initial, "final": _unless(held, end) if last else None}
 
+    # The first phase fixes the position of locked joints: a final condition would repeat it.
     position = bounds("q", form.size.position, "rad") | at_ends("q")
     velocity = bounds("qd", form.scales[0], "rad/s") | at_ends("qd")
     acceleration = bounds("qdd", form.scales[1], "rad/s^2")
@@ -393,6 +394,7 @@ def _integrated(phase: PhaseSolution) -> FloatArray:
             State(q[:-1], qd[:-1], qdd[:-1]), State(q[1:], qd[1:], qdd[1:]), h[:, 0]
         )
     still = np.zeros((1, q.shape[1]))
+    # The quintic starts at zero and ends with the gaps that integration leaves.
     left = State((q[-1:] - position[-1:]), qd[-1:] - velocity[-1:], still)
     spread = PiecewisePolynomial(
         t[[0, -1]], quintic_between(State(still, still, still), left, t[-1:])

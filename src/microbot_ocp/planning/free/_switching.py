@@ -109,6 +109,7 @@ def _with_jerk(guess: Guess) -> Guess:
     def jerk(s: FloatArray) -> FloatArray:
         qdd = guess.values["qdd"]
         assert callable(qdd)
+        # Central difference inside of the phase, one-sided at its ends.
         near = np.clip(np.array([s - 1e-4, s + 1e-4]), 0.0, 1.0)
         rise = np.asarray(qdd(near[1])) - np.asarray(qdd(near[0]))
         return rise / ((near[1] - near[0]) * guess.duration)[:, None]

@@ -109,6 +109,7 @@ def within_limits(
         return evenly()
     pieces = map(CurvePiece, shape.coefficients, np.diff(shape.breaks).tolist())
     curve = PathCurve(tuple(pieces), True, True)
+    # Every piece has equally many intervals, so that breaks are grid points.
     parts = max(2, -(-SLOWING.grid // len(curve.pieces)))
     count = parts * len(curve.pieces)
     s = np.interp(np.arange(count + 1) / parts, np.arange(shape.breaks.size), shape.breaks)
@@ -118,6 +119,7 @@ def within_limits(
         if along.limits.later:
             return evenly()
         ends = {"start_free": not moving, "end_free": True, "ends": (float(moving), 0.0)}
+        # The parameter of the path is the old time: ds/dt <= 1 is nowhere faster than before.
         timing = reach(along, fastest=1.0, **ends)
         if not timing.feasible:
             return None
@@ -237,6 +239,7 @@ def _slowed_evenly(family: LimitFamily, motion: Motion, tolerance: float) -> Mot
     slowed = family.of_order(1, 2, 3)
 
     def use(slower: float, rows: np.ndarray) -> FloatArray:
+        # A slowdown divides the k-th time derivative by its k-th power.
         powers = (part[rows] / slower**order for order, part in enumerate(dense))
         ratios = family.use(MotionSamples(*powers), slowed)
         return np.max([ratio.max(axis=1) for ratio in ratios.values()], axis=0)
@@ -251,6 +254,7 @@ def _slowed_evenly(family: LimitFamily, motion: Motion, tolerance: float) -> Mot
         if not broken.any():
             break
         worst = np.argsort(-ratios)[: min(SLOWING.deciding, int(broken.sum()))]
+        # The bisection included all of these places: a larger factor does not help them.
         if np.isin(worst, deciding).all():
             return None
         deciding, low, high = np.union1d(deciding, worst), high, most

@@ -236,6 +236,7 @@ class PathCurve:
         local = r - self.breaks[index] + begins[index]
         table = [coefficients[index] for coefficients in table]
         tables = [_power_sum(table, local[:, None], order) for order in range(highest + 1)]
+        # Only the first and the last piece can be bent.
         for k in (0, len(self.pieces) - 1):
             if self.pieces[k].bent:
                 here = index == k
@@ -268,6 +269,7 @@ def _bent_pieces(pieces: list[CurvePiece], start: int, end: int) -> list[CurvePi
     docs/theory/path_timing.md, equation (4).
     """
     bent = [replace(pieces[0], order=order).bent for order in (start, end)]
+    # A piece has one bent end at most, so a single piece is halved.
     if len(pieces) == 1 and all(bent):
         first = replace(pieces[0], length=pieces[0].length / 2, halved=True)
         second = _shifted(first.coefficients, first.length)
@@ -277,6 +279,7 @@ def _bent_pieces(pieces: list[CurvePiece], start: int, end: int) -> list[CurvePi
     if bent[1]:
         last = pieces[-1]
         table = _shifted(last.coefficients, last.length)
+        # Powers of the distance from the end: those of odd degree change their sign.
         table[1::2] *= -1.0
         pieces[-1] = replace(last, coefficients=table, order=end, bent_at_end=True)
     return pieces
@@ -404,6 +407,8 @@ def regular(path: PiecewisePolynomial, turns: FloatArray) -> PiecewisePolynomial
     passed = is_passed & ~is_corner
     ratios[passed] = (_size(after) / np.maximum(_size(before), 1e-300))[passed]
     scales, run = np.ones(sizes.size), np.append(0, np.cumsum(is_corner))
+    # Ratios of tangents at passed breaks make the tangent continuous; each run between corners is
+    # divided by its largest entry.
     for i in range(run[-1] + 1):
         here = np.flatnonzero(run == i)
         scale = np.cumprod(np.append(1.0, ratios[here[:-1]]))

@@ -232,6 +232,7 @@ def sampled(
         least = np.where(bent, SAMPLES.bent, SAMPLES.least - 1)
         count = finer * np.maximum(least, np.ceil(lengths / step - 1e-9)).astype(int)
         i, k = numbered(count + 1)
+        # The last sample of an interval lies just before its end, because s'' may jump there.
         early = np.minimum(JUMP_GAP, 0.01 * lengths / count)[i]
         local = k / count[i] * lengths[i] - np.where(k == count[i], early, 0.0)
         if len(times) == len(parts) - 1:
@@ -259,4 +260,5 @@ def _bent(curve: PathCurve, reached: Reached, lengths: FloatArray) -> NDArray[np
     local = np.linspace(0.0, 1.0, 5) * lengths[:, None]
     qdd = _state(curve, reached, i, local.ravel()).qdd.reshape(lengths.size, 5, -1)
     largest = np.abs(qdd).max(axis=(0, 1))
+    # The fourth difference of five samples vanishes for a cubic.
     return (np.abs(np.diff(qdd, 4, axis=1)[:, 0]) > SAMPLES.cubic * largest).any(axis=1)

@@ -187,6 +187,7 @@ def _half_planes(family: LimitFamily, key: str, nodes: Nodes) -> Coefficients | 
     with_x = _along(family, nodes, key, 0.0, 1.0)
     per_u, per_x = with_u.value - rest.value, with_x.value - rest.value
     size = 1.0 + np.abs(rest.value) + np.abs(per_u) + np.abs(per_x)
+    # Three samples determine the plane; further ones test that the limit is affine.
     for u, v in PATH_LIMITS.tried:
         tried = _along(family, nodes, key, u, v)
         line = rest.value + u * per_u + v**2 * per_x
@@ -207,6 +208,7 @@ def speed_bound(family: LimitFamily, key: str, nodes: Nodes) -> FloatArray:
 
     count = len(nodes.position)
     low, high = np.zeros(count), np.full(count, np.inf)
+    # The scan finds the first speed that breaks the limit, bisection its exact value.
     for v in np.geomspace(1e-6, np.sqrt(FAR), PATH_LIMITS.speeds):
         good, unknown = within(np.full(count, v)), np.isinf(high)
         low, high = np.where(unknown & good, v, low), np.where(unknown & ~good, v, high)
@@ -269,6 +271,7 @@ class LimitRows:
         """
         at_nodes = np.zeros(len(self.per_u))
         at_nodes[: x.size], at_nodes[self.right] = x, x[1:]
+        # A floor of x keeps the slope finite at stops.
         v = np.sqrt(np.maximum(at_nodes, 1e-9 * max(float(x.max()), 1e-12)))[:, None]
         columns, joints = self.torques
         tangent = nodes.tangent[:, joints]

@@ -304,6 +304,8 @@ def _refused(b: FloatArray, f: FloatArray, h: FloatArray) -> tuple[FloatArray, F
         q = -0.5 * (f + np.copysign(np.sqrt(np.maximum(square, 0.0)), f))
         roots = q / b, -h / q
         low, high = np.fmin(*roots), np.fmax(*roots)
+    # b >= 0: refused outside of the roots, or everywhere without roots. b < 0: refused between the
+    # roots, if there are any.
     constant = (b == 0) & (f == 0)
     always = (b >= 0) & (square < 0) | constant & (h < 0)
     outside = (b >= 0) & ~always & ~constant
@@ -340,6 +342,7 @@ def _arcs(s: FloatArray, timing: Reached, rows: LimitRows, along: CurveLimits) -
     nearest = room.argmin(axis=1)
     on = np.where(room[np.arange(len(room)), nearest] <= ARCS.active, nearest, -1)
     runs = [(key, len(list(group))) for key, group in groupby(on.tolist())]
+    # A short touch of another limit within an arc would look like two switches.
     merged: list[tuple[int, int]] = []
     for key, length in runs:
         if merged and (length < ARCS.fewest or merged[-1][0] == key):
@@ -367,6 +370,7 @@ def _room(
     rooms = []  # arrays at both ends of intervals
     span = rows.upper - rows.lower
     for side, bound in ((1, rows.upper), (-1, rows.lower)):
+        # A limit with one bound has no range: its magnitude, plus one, replaces it.
         size = np.where(np.isfinite(span), span, 1.0 + np.abs(bound))
         values = ((at, rows.per_u[at] * u + rows.per_x[at] * speed) for at, speed, u in ends)
         rooms.append([side * (bound[at] - value) / size[at] for at, value in values])

@@ -133,6 +133,7 @@ class Reached:
         s[::count] = other.breaks
         x = np.square(np.gradient(s, t))
         x[[0, -1]] = np.where([other.start_free, other.end_free], x[[0, -1]], 0.0)
+        # dx/ds = 2 s'': a constant s'' in each interval follows from x at its ends.
         change = 0.5 * np.diff(x) / np.diff(s)
         return replace(self, s=s, speed_squared=x, start=change, end=change, t=t - t[0])
 
@@ -140,6 +141,7 @@ class Reached:
         """Return s, ds/dt and d2s/dt2 at a share of the length of intervals i."""
         d = np.diff(self.s)[i]
         way, rise = share * d, self.end[i] - self.start[i]
+        # Integral of dx/ds = 2 s'' with s'' linear from a to b: x_i + 2 a l + (b - a) l^2 / d.
         x = self.speed_squared[i] + way * (2.0 * self.start[i] + rise * share)
         return self.s[i] + way, np.sqrt(np.maximum(x, 0.0)), self.start[i] + rise * share
 
@@ -151,6 +153,8 @@ class Reached:
         """
         a, v = self.start[i], np.sqrt(self.speed_squared[i])
         k = (self.end[i] - a) / np.diff(self.s)[i]
+        # The solution of s'' = a + k s is v sinh(r t) / r + a (cosh(r t) - 1) / k with r = sqrt(k).
+        # The half-angle form cosh(r t) - 1 = 2 sinh(r t / 2)^2 keeps a small k accurate.
         whole, half = (_sinh_over(k * (f * time) ** 2) for f in (1.0, 0.5))
         way = time * (v * whole + 0.5 * a * time * half**2)
         cosh = 1.0 + 0.5 * k * (time * half) ** 2
@@ -330,6 +334,7 @@ def _passes(
     after, u = deferred_call(_forward(size), kept=True, compiled=fast)([first], *intervals)
     x, (start, finish) = np.append(first, after[:, 0]), u.T
     t = np.append(0.0, np.cumsum(_durations(x, step, start, finish)))
+    # An interval with x = 0 at both ends takes infinite time: the path is blocked there.
     stuck = np.flatnonzero(~np.isfinite(t))
     return Reached(
         s, x, start, finish, t, not stuck.size, float(s[stuck[0] - 1]) if stuck.size else np.nan
@@ -397,6 +402,7 @@ class _Lines(NamedTuple):
         for x, side in ((least, 1.0), (most, -1.0)):
             above, rise = _lowest(x, self.slope, self.top)
             below, fall = _lowest(x, -self.slope, -self.bottom)
+            # At x the range of u has the length room + opening * x, on the two active lines.
             room, opening = above + below, rise + fall
             slack = REACHABILITY.rounding * (1.0 + ca.fabs(above) + ca.fabs(below))
             missing = -room - opening * x
@@ -437,6 +443,7 @@ def _at_ends(width: int) -> ca.Function:
     lines, ranges = [], []
     for pair in (rows, rows[::-1]):
         m, c, *bounds = (ca.vertcat(*both) for both in zip(*pair, strict=True))
+        # m and c are the coefficients of u and x. A row without u bounds x alone.
         flat = ca.fabs(m) <= REACHABILITY.flat * (ca.fabs(m) + step * ca.fabs(c))
         alone = ca.logic_and(ca.logic_and(counts, flat), c != 0.0)
         matters = ca.logic_and(counts, ca.logic_not(flat))
@@ -514,6 +521,7 @@ def _forward(size: int) -> ca.Function:
         wider = _Lines(lines.slope, lines.top + slack, lines.bottom - slack)
         ranges.append(wider.between(at, at, -FAR, FAR))
     (low, high), (end_low, end_high) = ranges
+    # The step x_{i+1} = x_i + d (a + b) fixes the sum of both u.
     both = (y - x) / step
     most, least = ca.fmin(high, both - end_low), ca.fmax(low, both - end_high)
     start = ca.fmax(ca.fmin(0.5 * both, most), least)

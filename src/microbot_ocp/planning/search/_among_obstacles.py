@@ -281,6 +281,7 @@ def fastest_among(
     planned = time.perf_counter()
     task, starts, proved_paths = Task.through(family, via), list[TimedPath](), list[ProvedPath]()
     search, proof, below = None, None, None
+    # The first proved and converged search ends the loop: later starts are slower paths.
     for start in starts_of(legs):
         starts.append(start)
         progress(f"{start.name}: {start.motion.duration:.4f} s by reachability")
@@ -297,6 +298,7 @@ def fastest_among(
         if deadline.over() or below is not None:
             break
     tried = () if below is None else [start.name for start in starts]
+    # Other paths are timed only if their lower bound is below the motion found.
     paths = [*proved_paths, *timed_paths(around, legs, progress, below=below, tried=tried)]
     more: dict[str, Any] = {
         "scene": list(scene.names),

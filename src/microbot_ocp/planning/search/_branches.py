@@ -128,6 +128,7 @@ def ways_through(task: Task) -> list[Way]:
             "no branch of the arm leads through all stops: a tool line ends on a branch "
             "on which the next one cannot begin"
         )
+    # Ways that are near at every stop lead to one optimum.
     chosen: list[Way] = []
     for way in ways:
         if all(np.abs(way.via - other.via).max() > BRANCHES.apart for other in chosen):
@@ -160,6 +161,7 @@ def few_poses(robot: Robot, stop: Stop) -> FloatArray | None:
     rows = 3 if stop.orientation is None else 6
     for q in poses:
         slopes = np.array(jacobian(robot)(q))[:rows]
+        # Rotations times the reach have the unit of translations, m.
         slopes[3:] *= reach_of(robot)
         least = BRANCHES.redundant * reach_of(robot)
         if np.linalg.matrix_rank(slopes, tol=least) < robot.joint_count:
@@ -279,6 +281,7 @@ def _followed(task: Task, index: int, nodes: list[Poses]) -> tuple[Poses, Poses,
         if not poses.solved:
             share, reason = _why(task.robot, poses)
             failures.append((1.0 - share if backwards else share, reason))
+        # The exact path and the near one may end on different branches: both are kept.
         for path in (poses.q if poses.solved else None, near_line):
             if path is None:
                 continue
@@ -409,6 +412,7 @@ def _near(robot: Robot, q: FloatArray, other: FloatArray) -> FloatArray:
     low, high = robot.limits.q_min - 1e-9, robot.limits.q_max + 1e-9
     nearest = q + turn * np.round((other - q) / (2 * np.pi))
     best = nearest
+    # Only joints outside of their limits are moved by another turn.
     for shifted in (nearest - turn, nearest + turn, q):
         best = np.where((best < low) | (best > high), shifted, best)
     return best
@@ -484,6 +488,7 @@ def _realised(task: Task, nodes: list[Poses], edges: list[Joined], picks: Picks)
         if path is None:
             path = q[k] + EASED[:, None] * (q[k + 1] - q[k])
         else:
+            # The joint path was followed from a pose that may differ by full turns.
             apart = q[k] - path[0]
             path = path + np.round(apart / (2 * np.pi)) * 2 * np.pi * (np.abs(apart) > np.pi)
             if np.abs(path[-1] - q[k + 1]).max() > 10 * BRANCHES.same_branch:
@@ -515,6 +520,7 @@ def least_duration(task: Task) -> float:
     fastest = fastest_tool(robot)
     poses = [few_poses(robot, stop) for stop in task.stops]
     least = np.zeros(1)  # one entry per branch at the stop, or one for infinitely many poses
+    # Dynamic programming: least[b] bounds the time to branch b of the current stop.
     for k, (a, b) in enumerate(itertools.pairwise(task.stops)):
         before, after = poses[k], poses[k + 1]
         if before is None or after is None:

@@ -133,6 +133,7 @@ class PairDistances:
         """
         come, _, apart = room_along(self.robot, self.scene, self.pairs, poses, self.tolerance)
         touching = apart <= self.scene.clearance
+        # The new distance is the one seen at the contact, as far as via points allow it.
         more = np.minimum(self.most, np.maximum(self.room, come))
         room = np.where(touching, more, self.room)
         within = self.scene.clearance + near * reach_of(self.robot)
@@ -288,6 +289,8 @@ class GuidedSearch:
                 return result
             poses = [poses_along(shape) for shape in phase_shapes(answer.solution)]
             around, touch, left_out = around.after(poses)
+            # A pair outside of the problem is added on the same mesh; one inside needs a finer
+            # mesh.
             if not left_out:
                 if not touch or explore_mesh(search) == full_mesh(search):
                     return result
@@ -319,6 +322,7 @@ class GuidedSearch:
                 if not pairs:
                     break
                 more, left_out = self._required_after(now.around, pairs)
+                # The solve would repeat itself without a new requirement.
                 if not more.exceeds(now.around):
                     break
                 self.request.progress(LARGER_DISTANCES)

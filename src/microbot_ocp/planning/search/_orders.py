@@ -131,6 +131,7 @@ def best_order(
     if not there:
         assert refused is not None
         raise refused
+    # The most promising orders come first: their coarse durations exclude others.
     ranked = sorted(there, key=lambda p: (there[p].rest_duration, rows[p]["bound"], p))
     coarse: dict[Places, float] = {}
     usual, duration = SEARCH.explore_mesh, request.duration

@@ -297,6 +297,7 @@ class MotionProblem:
         return any(stop.velocity not in (None, "any", "rest") for stop in self.task.stops)
 
     def _slowed_with_stops(self, solution: Solution) -> Motion | None:
+        # A slower motion has other velocities at its stops, and not always smaller means.
         if self._moves or self.family.means or not solution.status.solved:
             return None
         shapes, tolerance = phase_shapes(solution), self.settings.limit_tolerance

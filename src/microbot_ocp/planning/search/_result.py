@@ -148,6 +148,7 @@ def fastest(
         shortest = answer.solution.duration + problem.dwell_time
         slack = search.settings.slack if slack is None else slack
         if duration is not None:
+            # Dwells are fixed, so the slack is relative to the time in motion.
             slack = (duration - shortest) / answer.solution.duration if answer.solved else 0.0
             slack = min(slack, SEARCH.largest_slack)
         if slack > 0.0 and rank(search, answer.solution)[0] is False and not search.over:

@@ -201,6 +201,7 @@ class MotionSearch:
             if pair is None or (self.over and state.answers):
                 break
             strategy, step = pair
+            # The same step may have run early, while a child process tried further starts.
             key = None if step.subject is None else (strategy.name, id(step.subject))
             answer = None if key is None else self.memory.get(key)
             if answer is None:
@@ -244,6 +245,7 @@ class MotionSearch:
             self.run(others, state)
             try:
                 return self._with_plain(state, child.answer(deadline.until()))
+            # A failed child loses its starts alone: the answers of this process remain.
             except (OutOfTime, Died):
                 return state
 

@@ -86,6 +86,7 @@ def next_start(search: MotionSearch, state: SearchState) -> NextStep | None:
     compared = sample(state)
     if settled(compared, settings):
         return None
+    # Different optima may be artefacts of the coarse mesh: each is solved once on a finer one.
     first, second = _start_meshes(search)
     if any(answer.solved for answer in tried):
         carried = by_promise([answer for answer in tried if answer.intervals == first])

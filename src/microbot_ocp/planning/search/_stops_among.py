@@ -88,6 +88,7 @@ def stops_among(request: SolveRequest) -> Motion:
         named = zip(motion.marks, task.stops, strict=True)
         return replace(motion, marks=tuple(Mark(m.time, stop.name) for m, stop in named))
     legs = LegPlanner(request)
+    # A stop that is blocked without payloads is blocked in every order: report it at once.
     bare = [replace(s, payload=None) if isinstance(s, Stop) else s for s in request.stops]
     legs.clear_ways(replace(request, stops=bare).task())
     tasks = tasks_in_orders(request)
@@ -387,6 +388,7 @@ class LegPlanner:
             robot = payload.on(task.robot)
             lying = [c for c in scene.obstacles[len(self.scene.obstacles) :] if type(c) is Capsule]
             parts = tuple((c.name, c.start.tobytes(), c.end.tobytes(), c.radius) for c in lying)
+            # All segments share the given obstacles, so the lying parts complete the key.
             key = robot, parts, scene.ignore
             if key not in self._surroundings:
                 self._surroundings[key] = Surroundings(robot, scene.without_parts_of(robot))
@@ -417,6 +419,7 @@ class LegPlanner:
                 bounds = [leg.bound(choice) if leg else s and s.duration for leg, s in rows]
                 choices.append((rest_duration_of(task, bounds), number, way, legs, choice))
         guides: list[GuidedWay] = []
+        # Lower bounds are cheap and timings are not: only the best few choices are timed.
         for _, _, way, legs, choice in sorted(choices, key=lambda entry: entry[:2]):
             if guides and (deadline.over() or len(guides) == MOST_GUESSES):
                 break

@@ -85,6 +85,7 @@ def _is_straight(corner: Stop, cut: Sequence[Stop], tolerance: float) -> bool:
     """Return True if the straight way across a blend stays within the tubes of its lines."""
     start, end = (np.array(place.position) for place in cut)
     way, offset = end - start, np.array(corner.position) - start
+    # The corner's projection on the straight way, and its distance from there.
     share = float(offset @ way) / float(way @ way)
     turned = [place.orientation for place in cut]
     held = None in turned or np.allclose(turned[0], turned[1])

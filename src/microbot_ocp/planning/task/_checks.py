@@ -338,6 +338,7 @@ def derivatives_for(*robots: Robot, compiled: bool = False) -> Callable[[ca.Func
         for robot in robots:
             for make in (inverse_dynamics, torque_and_rate) if robot.has_dynamics else ():
                 torques = _with_payload(make, robot) if held else make(robot)
+                # The hash of a CasADi function identifies its internal object.
                 if torques.__hash__() == function.__hash__():
                     rates = make is torque_and_rate
                     derive = partial(torque_derivatives, robot, rates=rates, payload=held)

@@ -202,6 +202,7 @@ def with_windows(
             guess = start[name].values["qd"]
             velocity = np.asarray(guess(mesh)) if callable(guess) else np.asarray(guess)
         steps = np.diff(mesh)
+        # The window fits the longest interval with a reversal, or else the shortest interval.
         spans = steps[reversals(velocity, joints)]
         values[name] = {
             WINDOW: FRICTION_WINDOWS.reach * float(spans.max() if spans.size else steps.min())

@@ -50,6 +50,7 @@ class _Extreme:
         def size(value: Any) -> Any:
             return ca.sqrt(value**2 + ca.DM(self.near) ** 2)
 
+        # Friction is varied as a whole, so masses are varied on the arm without it.
         smooth, whole = frictionless(self.robot), state.tau
         moved = torque(smooth)
         spread = self.friction * size(torque(self.robot) - moved)

@@ -278,6 +278,7 @@ class Turning:
         if start is None or end is None:
             return None
         if free is None:
+            # The skew part of a rotation is its axis times the sine, its trace 1 + 2 cosine.
             change = end @ start.T
             sine = np.array(ca.inv_skew(ca.DM(change))).ravel()
             cosine = 0.5 * (np.trace(change) - 1.0)
@@ -340,6 +341,8 @@ class _Beyond:
         point = state.q if self.of_joints else state.tool[:3, 3]
         share = self.curve.share(point)
         aside = ca.sumsqr(ca.vertcat(*self.curve.across(point)))
+        # The parabola L s (s - 1) has the slopes -L and L at both ends, so it measures distance
+        # there.
         return self.curve.length * share * (share - 1.0) + aside / self.tolerance
 
 
@@ -420,6 +423,7 @@ def curve_limits(kind: Curved, curve: Curve, turning: Turning | None) -> tuple[L
     ]
     if turning is not None:
         axes = ["xyz"[k] for k in range(3) if k != turning.free]
+        # Components within a box of this half width have a norm within the tolerance.
         size = float(np.sin(kind.orientation_tolerance) / np.sqrt(len(axes)))
         angle = _Angle(curve, turning)
         labels = tuple(f"tool {axis}" for axis in axes)
@@ -433,6 +437,7 @@ def joint_line_limits(kind: JointLine, start: FloatArray, end: FloatArray) -> tu
     beyond = _Beyond(curve, kind.tolerance, of_joints=True)
     limits = [Limit("joint line beyond its ends", beyond, upper=kind.tolerance, unit="rad")]
     if start.size > 1:
+        # Components within a box of this half width have a norm within the tolerance.
         size = kind.tolerance / np.sqrt(start.size - 1)
         labels = tuple(f"{k + 1} across" for k in range(start.size - 1))
         across = _Across(curve, of_joints=True)

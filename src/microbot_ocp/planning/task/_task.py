@@ -213,6 +213,7 @@ class Task:
         qd: Bounds = (-free, free)
         rows: list[Row] = []
         if stop.q is not None and stop.box is not None:
+            # Position limits cut the box of the tolerance, but never the given pose.
             limits, target = robot.limits, np.array(stop.q)
             q = (
                 np.maximum(target - stop.box, np.minimum(limits.q_min, target)),

@@ -247,6 +247,8 @@ class _PathSearch:
         for at in self.blocked_at:
             self.progress(f"reachability: the end cannot be reached from s = {at:g}")
         if self.blocked_at:
+            # Unless a relaxation of the half planes explains the block, the program on places
+            # decides: the grid may be the cause.
             rows, entries = self._blocking(timings)
             timings = [self._walk(*each) for each in zip(self.passed, timings, strict=True)]
             if rows:
@@ -289,6 +291,8 @@ class _PathSearch:
                 return timing, along, np.inf
             excess = along.excess(timing)
             apart = abs(timing.duration - duration) > REACHABILITY.settled * timing.duration
+            # Intervals with an excess are halved, and all of them while the duration changes. A
+            # very short interval cannot matter.
             cut = excess > self.settings.limit_tolerance
             cut |= apart and s.size <= GRID.most_settling
             cut &= np.diff(timing.t) > min(GRID.shortest, GRID.shortest_ratio * timing.duration)

@@ -334,6 +334,7 @@ class PlacesProgram:
         new[rows] = np.arange(rows.size)
         at, columns = self.places
         keep = np.flatnonzero(new[at] >= 0)
+        # CasADi's sparsity is column-major: entries are sorted by column, and by row within it.
         order = keep[np.lexsort((new[at[keep]], columns[keep]))]
         first = np.searchsorted(columns[order], np.arange(width + 1)).tolist()
         sparsity = ca.Sparsity(rows.size, width, first, new[at[order]].tolist())
@@ -345,6 +346,7 @@ class PlacesProgram:
         curvature = [self.x, self.p, lam_f, lam_g]
         stationarity = lam_f * self.slope + jacobian.T @ lam_g
         nothing = ca.MX.zeros(self.p.shape[0])
+        # CasADi takes these functions from the cache instead of deriving its own.
         cache = {
             "nlp_grad": ca.Function("nlp_grad", curvature, [self.cost, g, stationarity, nothing]),
             "nlp_jac_g": ca.Function("nlp_jac_g", [self.x, self.p], [g, jacobian]),

@@ -143,6 +143,7 @@ class SpeedProfile:
 
     def inside(self, i: np.ndarray, after: FloatArray) -> tuple[FloatArray, ...]:
         """Return s and its three derivatives at times after the start of intervals i."""
+        # s''' = j + d t / h with its initial value j, integrated three times.
         h, a, d = np.diff(self.t)[i], self.a[i], self.d[i]
         j, k = (self.a_end[i] - a) / h - 0.5 * d, after * d / h
         v = self.v[i] + after * (a + after * (j / 2.0 + k / 6.0))
@@ -175,6 +176,7 @@ class SpeedProfile:
         v = self.v[0] + np.append(0.0, np.cumsum(0.5 * h * (a + b) - h**2 * d / 12.0))
         step = h * v[:-1] + h**2 * (2.0 * a + b) / 6.0 - h**3 * d / 24.0
         way = np.append(0.0, np.cumsum(step))
+        # The ratio differs from one by the residual of equation (9) only.
         ratio = np.ptp(self.s) / way[-1]
         s = self.s[0] + ratio * way
         return replace(self, s=s, v=ratio * v, a=ratio * a, a_end=ratio * b, d=ratio * d)
@@ -226,6 +228,7 @@ def timed_on_places(
         parents = np.repeat(worst_in, parts)
         finer = profile.at_times(with_parts(profile.t, parts))
         finer = _Timing(family, finer, fast).solved(PLACES.finer_barrier, bent=True)
+        # A profile within the limits is kept if the finer mesh fails.
         if within and not finer.solved:
             break
         before = profile.duration
@@ -242,6 +245,7 @@ def _switching(profile: SpeedProfile) -> np.ndarray:
     h = np.diff(profile.t)
     mean = (profile.a_end - profile.a) / h
     jumps = np.abs(np.diff(mean) - 0.5 * (profile.d[1:] + profile.d[:-1]))
+    # A jump lies between two intervals, so both get its loss.
     loss = (np.maximum(np.append(jumps, 0.0), np.append(0.0, jumps)) + np.abs(profile.d)) * h**2
     order = np.argsort(-loss)
     count = np.searchsorted(np.cumsum(loss[order]), PLACES.most_loss * loss.sum()) + 1
@@ -270,6 +274,7 @@ def _with_friction(
 ) -> SpeedProfile:
     """Find a profile for the robot's dry friction by continuation from smoother friction."""
     profile, barrier, last, sharper = start, PLACES.first_barrier, np.inf, PLACES.sharper
+    # A smoothing beyond the largest joint speed would remove friction altogether.
     widest = float(np.abs(start.curve.evaluate(start.s)[1] * start.v[:, None]).max())
     while True:
         closer = _closer_at_reversals(family, profile, smoothing)
@@ -344,6 +349,7 @@ class _Timing:
     ) -> None:
         self.start, self.family, curve = start, family, start.curve
         self.free = curve.start_free, curve.end_free
+        # A percentile of s'' sets the unit of time: single peaks would make it too short.
         speed = max(float(start.v.max()), 1e-12)
         self.time = speed / max(float(np.percentile(np.abs(start.a), 90)), 1e-6 * speed)
         self.unit = speed * self.time
@@ -407,6 +413,7 @@ class _Timing:
         # An infeasible start with a free d would overshoot limits between the few places at which
         # they are rows.
         bend = none if bent or self.family.jerk_matters else 0.0 * h
+        # A positive lower bound of the durations keeps 1 / h finite.
         low = np.concatenate([np.zeros(n + 1), -free, np.full(n, 1e-12), -bend])
         high = np.concatenate([self.speed, free, none, bend])
         for at, is_free in zip((0, n), self.free, strict=True):
@@ -512,6 +519,7 @@ def _torques(robot: Robot, shape: Sequence[FloatArray], fast: bool) -> tuple[Flo
 
     (once, once_rate), (twice, twice_rate) = at(1.0, 0.0), at(2.0, 0.0)
     pushed, pushed_rate = at(1.0, 1.0)
+    # The torques are once = c + g and twice = 4 c + g, their rates c' + g' and 8 c' + 2 g'.
     c = (twice - once) / 3.0
     c_rate = (twice_rate - 2.0 * once_rate) / 6.0
     m_rate = pushed_rate - once_rate - 2.0 * c
