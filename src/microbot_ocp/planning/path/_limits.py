@@ -280,7 +280,7 @@ class LimitRows:
         slope = tangent * (viscous + dry * (1.0 - share**2) / COULOMB_SMOOTHING) / (2.0 * v)
         # The coefficients already contain the full dry friction, which is subtracted here.
         constant = viscous * tangent * v + dry * (share - np.sign(tangent)) - slope * v**2
-        # Friction is full right after a stop and zero at the stop: both values must be within.
+        # Friction is full right after a stop and zero at the stop: limits hold with both values.
         still = at_nodes[:, None] <= PATH_LIMITS.still * float(x.max())
         least, most = np.minimum(constant, 0.0), np.maximum(constant, 0.0)
         per_x, lower, upper = self.per_x.copy(), self.lower.copy(), self.upper.copy()

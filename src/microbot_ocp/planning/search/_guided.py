@@ -183,12 +183,12 @@ class RequiredDistances:
 
         Returns
         -------
-        around : Around
+        around : RequiredDistances
             Requirements, as in :meth:`PairDistances.after`.
         touch : bool
-            Links come too near on the motion.
+            True if links come too near on the motion.
         left_out : bool
-            Links of a pair outside of the problem come too near.
+            True if links of a pair outside of the problem come too near.
         """
         distances, touch, left_out = [], False, False
         for k, before in enumerate(self.distances):

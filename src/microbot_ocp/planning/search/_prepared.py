@@ -527,11 +527,11 @@ class TimeOptimalSolver:
 
     def _slower(self, family: LimitFamily) -> float:
         """Return the relative change of the typical durations by the limits of a family."""
-        usual, asked = (
+        usual, requested = (
             TaskScale.of(limits_family, self.via_q).durations.sum()
             for limits_family in (LimitFamily.of(self.robot), family)
         )
-        return abs(asked - usual) / usual
+        return abs(requested - usual) / usual
 
     # Concurrent first calls each build their own solver or motion, and the last one is kept: no
     # call waits for another beyond its own time limit.
@@ -692,11 +692,11 @@ class TimeOptimalSolver:
                 )
             before = declared[member.key].limit
             if member.limit is not None and before is not None:
-                built, asked = (
+                built, requested = (
                     (m.expression, *(b for b in (m.lower, m.upper) if callable(b)))
                     for m in (before, member.limit)
                 )
-                if built != asked:
+                if built != requested:
                     raise InputError(
                         f"limit {member.name!r} has another expression than the one that the "
                         "solver was made with: only its numbers may change"

@@ -176,8 +176,8 @@ class MotionProblem:
         conditions = None
         if not self.task.is_plain:
             held = tuple(with_locked_joints_held(f).robot for f in self.task.families)
-            asked = self.task.conditions
-            conditions = Conditions(held, asked.ends, asked.closed)
+            given = self.task.conditions
+            conditions = Conditions(held, given.ends, given.closed)
         base: Robot = with_locked_joints_held(self.family).robot
         via = np.ascontiguousarray(self.via)
         if not stated and self.settings.solver != "fatrop":

@@ -55,8 +55,7 @@ class SearchSettings:
     largest_slack : largest slack for least effort, relative to the shortest duration
     most_iterations : iteration limit of a start, and of a solve among obstacles
     curved_guesses : number of curved initial guesses along the best way through stops
-    prune_factor : factor on the best duration above which the velocity bound of a redundant way
-    prunes it
+    prune_factor : velocity bound, per best duration, above which a redundant way is skipped
     """
 
     explore_mesh: int = 20
