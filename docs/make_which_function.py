@@ -1,4 +1,4 @@
-"""Draw what to call for what one has and wants, and write the same as a table.
+"""Draw the function for each input and goal, and write the same as a table.
 
 Between the marks of ``docs/which_function.md``, and as ``docs/images/which_function.svg``.
 
@@ -12,9 +12,9 @@ from pathlib import Path
 
 DOCS = Path(__file__).resolve().parent
 PAGE, PICTURE = DOCS / "which_function.md", DOCS / "images" / "which_function.svg"
-MARKS = "<!-- made by docs/make_which_function.py -->\n", "<!-- end of what is made -->\n"
+MARKS = "<!-- made by docs/make_which_function.py -->\n", "<!-- end of the table -->\n"
 WANTED = ("a model, joints", "the fastest", "to compare", "a given path", "obstacles", "to check")
-CALLS = {  # what one has: the call for each of what is wanted
+CALLS = {  # each input has one call for each goal
     "a DH table": ["Robot.from_dh(alpha, a, d)"],
     "URDF, MJCF, a name": ["load_robot(source)"],
     "joint poses": [
@@ -80,10 +80,10 @@ def svg() -> str:
     width, height = LEFT + WIDE * len(WANTED), TOP + HIGH * len(CALLS) + 8
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" role="img">',
-        "<title>What to call for what you have (rows) and want (columns)</title>",
+        "<title>Function to call for each input (rows) and goal (columns)</title>",
         f"<style>{STYLE}</style>",
         f'<rect class="page" width="{width}" height="{height}"/>',
-        '<text class="head" x="8" y="28">you have, you want</text>',
+        '<text class="head" x="8" y="28">input, goal</text>',
     ]
     for column, wanted in enumerate(WANTED):
         x = LEFT + WIDE * column + WIDE / 2
@@ -101,7 +101,7 @@ def svg() -> str:
 
 
 def table() -> str:
-    rows = ["| you have | you want | call |", "|---|---|---|"]
+    rows = ["| input | goal | call |", "|---|---|---|"]
     for given, calls in CALLS.items():
         for wanted, call in zip(WANTED, calls, strict=False):
             if call:
