@@ -30,7 +30,7 @@ from microbot_ocp.robot import COULOMB_SMOOTHING
 RATE, GAIN, BOUND = 500.0, 100.0, 0.02
 # A line of the file belongs to these values.
 TASK = ("robot", "seed", "mass", "friction", "payload", "gain", "bound", "few")
-END = "end of what is made by"
+END = "end of the table of benchmarks"
 SUBSTEPS = 4  # steps of the simulation per period of the controller
 
 
@@ -128,7 +128,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 def _table(rows: list[dict[str, Any]]) -> str:
     heads = ("arm, payload", "plan", "T, s", "arms played", "error, median and worst, mm")
-    heads += ("above the bound", "at a limit, worst, % of the time", "above what is stated")
+    heads += ("above the bound", "at a limit, worst, % of the time", "above the stated share")
     lines = ["| " + " | ".join(heads) + " |", "|" + len(heads) * "---|"]
     for arm in dict.fromkeys(row["robot"] for row in rows):
         own = [row for row in rows if row["robot"] == arm]
