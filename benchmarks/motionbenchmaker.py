@@ -50,7 +50,7 @@ CAPSULES = {"panda": 2, "ur5": 3}  # capsules per link with which most starts an
 DEVELOPING = ("box", "table_pick", "bookshelf_small", "bookshelf_tall")
 FAMILIES = (*DEVELOPING, "cage", "bookshelf_thin", "table_under_pick")
 IN_TIME = 60.0  # processor time above which a task does not count as solved, s
-MARKS = "<!-- made by benchmarks motionbenchmaker -->\n", "<!-- end of what is made -->\n"
+MARKS = "<!-- made by benchmarks motionbenchmaker -->\n", "<!-- end of the tables -->\n"
 POSES, DISTANCES = 500, 50  # poses of a motion with a check of meshes, and with their distances
 # Mass, centre of mass and inertia of the Franka hand with closed fingers, in the flange, summed in
 # github.com/frankaemika/franka_description, end_effectors/franka_hand/inertials.yaml, commit
