@@ -48,6 +48,7 @@ def test_wheel_carries_every_source_and_data_file(wheel: zipfile.ZipFile) -> Non
     assert {"microbot_ocp/py.typed", "microbot_ocp/robot/packaged/microbot.toml"} <= carried
 
 
+@pytest.mark.thorough
 def test_wheel_carries_nothing_else_but_its_licence_and_metadata(wheel: zipfile.ZipFile) -> None:
     rest = [name for name in wheel.namelist() if not name.startswith("microbot_ocp/")]
     assert all(name.startswith("microbot_ocp-") and ".dist-info/" in name for name in rest)
@@ -66,6 +67,7 @@ def test_the_recipe_of_conda_needs_what_the_wheel_needs() -> None:
     assert recipe["about"]["summary"] == project["description"]
 
 
+@pytest.mark.thorough
 def test_metadata_names_what_it_needs(wheel: zipfile.ZipFile) -> None:
     (name,) = (name for name in wheel.namelist() if name.endswith(".dist-info/METADATA"))
     metadata = Parser().parsestr(wheel.read(name).decode())

@@ -167,7 +167,7 @@ def test_planar_arm_at_speed_by_a_fine_grid() -> None:
 @pytest.mark.parametrize(
     ("robot", "load", "speed"),
     [
-        pytest.param(mo.load_robot("ur5e"), (0.0, 5.0), 0.3, marks=pytest.mark.slow),
+        pytest.param(mo.load_robot("ur5e"), (0.0, 5.0), 0.3, marks=pytest.mark.thorough),
         (mo.load_robot("puma560"), (0.0, 2.0), 0.5),
         (mo.load_robot("microbot"), (0.0, 1.0), 0.4),
         (telescope(), (0.0, 1.0), 0.7),

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import microbot_ocp as mo
+from microbot_ocp._base.codegen import interpreted
 from microbot_ocp.robot import dh_transform
 from microbot_ocp.scene import clearances, contact_model
 from microbot_ocp.scene._pairs import ROUNDING
@@ -36,6 +37,13 @@ FLYING = mo.Robot.from_dh(
 RADIUS = 0.05
 AXIS = mo.Capsule([-0.2, 0, 0], [0.3, 0, 0.1], RADIUS, "needle")
 NEEDLE = FLYING.with_capsules({6: [AXIS]})
+
+
+@pytest.fixture(autouse=True)
+def not_compiled():
+    """A compiler takes seconds for the faces of a mesh, and is called for every pair."""
+    with interpreted():
+        yield
 
 
 @lru_cache
