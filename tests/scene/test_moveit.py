@@ -385,7 +385,7 @@ def test_limits_of_a_request_are_kept(
 ) -> None:
     path = written(tmp_path, request(planar, START, GOAL, **fields))
     given = mo.tasks.request_cell(path, planar, None)
-    with pytest.raises(InputError, match=r"is a limit, which start and goal do not hold"):
+    with pytest.raises(InputError, match=r"is a limit, which start and goal cannot hold"):
         mo.scene.load_request(path, planar)
     cell = given.solve()
     assert cell.motion.solved
