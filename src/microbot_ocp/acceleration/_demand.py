@@ -207,7 +207,6 @@ class Demand:
         count = self.speed.size
         states, (terms, values, slopes) = self._at_corners(boxes)
         half = (boxes.high[:, :count] - boxes.low[:, :count]) / 2
-        spread = (boxes.high[:, count:] - boxes.low[:, count:]) / 2 * self.speed
         largest = np.maximum(np.abs(boxes.low), np.abs(boxes.high))[:, count:] * self.speed
         rest = self.terms.rest(half)
         swing = np.einsum("bk,bkf->bf", half, np.abs(terms[:, 1:])) + rest
@@ -216,11 +215,7 @@ class Demand:
         keeps = np.abs(inertia) >= swings
         signed = np.where(keeps, np.sign(inertia), 0.0) * box
         tilt = np.einsum("bj,bkj->bk", signed, terms[:, 1:, 1 : 1 + count])
-        # what bends down in a speed
-        each = np.arange(count)
-        down = swing[:, 1 + count :] - terms[:, 0, 1 + count :]
-        bent = np.maximum(0.0, down[:, self._square[each, each]]) * spread**2
-        fixed = bent.sum(axis=1) + np.einsum("bp,bp->b", rest[:, 1 + count :], self._pairs(largest))
+        fixed, across = self._left_of_speeds(boxes, terms, rest, swing)
         fixed += self.coulomb * np.tanh(self.speed[self.joint] / COULOMB_SMOOTHING)
         fixed += self._margin(box, scale)
         # what is left of gravity and inertia, as (at no acceleration, for each of the scale)
@@ -248,7 +243,23 @@ class Demand:
         curvature = np.tensordot(sizes, self.terms.curvature, axes=1)
         turning = np.einsum("bj,bkj->bk", ~keeps * box, np.abs(terms[:, 1:, 1 : 1 + count]))
         weights = half * (steep + np.einsum("bkl,bl->bk", curvature, half) + 2 * scale * turning)
-        return Bounds(possible, states, np.hstack([weights, bent]))
+        across[:, :count] += weights
+        return Bounds(possible, states, across)
+
+    def _left_of_speeds(
+        self, boxes: Boxes, terms: FloatArray, rest: FloatArray, swing: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return what speeds add at most to the torque at the corners [B], and the shares of each
+        coordinate [B,2n] in it: the rest of the terms, and what bends down in a speed.
+        """
+        count = self.speed.size
+        low, high = (end[:, count:] * self.speed for end in boxes)
+        each = np.arange(count)
+        down = swing[:, 1 + count :] - terms[:, 0, 1 + count :]
+        bent = np.maximum(0.0, down[:, self._square[each, each]]) * ((high - low) / 2) ** 2
+        products = self._pairs(np.maximum(np.abs(low), np.abs(high)))
+        left = bent.sum(axis=1) + np.einsum("bp,bp->b", rest[:, 1 + count :], products)
+        return left, np.hstack([0.0 * bent, bent])
 
     def _bends(self, q: FloatArray, signed: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return second derivatives [B,n,n] of gravity and of what accelerations [B,n] add."""

@@ -15,6 +15,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.needed import needed
 from microbot_ocp._base.status import Status
 from microbot_ocp._base.table import Column, Table
+from microbot_ocp.acceleration._coupled import CoupledDemand
 from microbot_ocp.acceleration._demand import Demand
 from microbot_ocp.acceleration._files import form_of, write
 from microbot_ocp.acceleration._forms import Terms, torque_terms
@@ -197,6 +198,7 @@ def acceleration_limits(
     *,
     region: Box | Motion | ArrayLike | tuple[ArrayLike, ArrayLike] | None = None,
     speed: ArrayLike = 1.0,
+    coupled: float | None = None,
     jerk: bool = False,
     equal: bool = False,
     ratios: ArrayLike | None = None,
@@ -228,6 +230,10 @@ def acceleration_limits(
     speed : float or array_like [n]
         Largest speeds either way: a share of the velocity limits, above 0 to 1 or 0 for rest, or
         one number a joint, rad/s (m/s).
+    coupled : float, optional
+        Bound of the root of the sum of the squares of the joints' speeds, each as a share of
+        ``speed``, above 0 to 1: with 1 one joint at its largest speed, or all at a part of theirs.
+        Default none: all may have their largest at once.
     jerk : bool
         Find limits of the jerks as well, from those of the torque rates, for the accelerations that
         are proved. Coulomb friction, which steps at speed zero, has no rate here.
@@ -264,6 +270,9 @@ def acceleration_limits(
     """
     loads, speeds = _loads(payload), _speeds(robot, speed)
     shape = _shape(robot, equal, ratios)
+    radius = None if coupled is None else checks.number("coupled", coupled, above=0.0, at_most=1.0)
+    if jerk and radius is not None:
+        raise InputError("give jerk=True or coupled, not both: jerks are for speeds of a box")
     checks.number("gap", gap, above=0.0, at_most=1.0)
     checks.number("work", work, "s", above=0.0)
     where = places(robot, region)
@@ -271,7 +280,8 @@ def acceleration_limits(
     for key in ("tau", "taud")[: 1 + jerk]:
         _bounds(robot, key)
     terms = _terms(arms, where)
-    box, proof = _largest(_demands(arms, terms, speeds), where, shape, gap, work, seed)
+    demands = _demands(arms, terms, speeds, radius)
+    box, proof = _largest(demands, where, shape, gap, work, seed)
     worst = proof.pool.worst(box)
     status, advice = Status.SOLVED, ""
     if worst.scale <= 0.0:
@@ -422,7 +432,10 @@ def _bounds(robot: Robot, key: str) -> tuple[FloatArray, FloatArray]:
 
 
 def _demands(
-    arms: dict[float, Robot], terms: dict[float, list[Terms]], speeds: FloatArray
+    arms: dict[float, Robot],
+    terms: dict[float, list[Terms]],
+    speeds: FloatArray,
+    radius: float | None,
 ) -> list[Demand]:
     """Return the torques of every joint, on both sides, of arms by their payload."""
     demands = []
@@ -431,8 +444,9 @@ def _demands(
         viscous, coulomb = (arm.friction_of(f"{kind}_friction") for kind in ("viscous", "coulomb"))
         for k, of_joint in enumerate(terms[load]):
             for side, limit in ((1.0, upper[k]), (-1.0, -lower[k])):
-                friction = viscous[k], coulomb[k]
-                demands.append(Demand(of_joint, k, side, limit, speeds, *friction, load))
+                demand = of_joint, k, side, limit, speeds, viscous[k], coulomb[k], load
+                ball = radius if speeds.any() else None
+                demands.append(Demand(*demand) if ball is None else CoupledDemand(*demand, ball))
     return demands
 
 
