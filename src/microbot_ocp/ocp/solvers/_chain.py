@@ -322,7 +322,7 @@ WARM_START = dict.fromkeys(("mu_init", *WARM_PUSHES), TIGHTENING.barrier)
 # (tolerance 0) allows each variable its share of the gap.
 FURTHER: tuple[tuple[float, dict[str, float]], ...] = (
     (1e-8, {}),
-    (1e-10, {"bound_relax_factor": 1e-10}),
+    (1e-10, {"bound_relax_factor": 1e-10, "mu_init": 1e-6}),
     (0.0, {}),
 )
 
@@ -377,12 +377,12 @@ def tightened(runner: Runner, outcome: SolverOutcome) -> tuple[SolverOutcome, Ga
     return best, gap, attempts
 
 
-def _complementarity(program: Program, gap: float) -> float:
+def _complementarity(program: Program, gap: float, most: float = TIGHTENING.usual) -> float:
     """Return the product of multiplier and slack at which all limits together leave a gap."""
     ranges = program.lower < program.upper
     count = sum(int(np.sum(np.isfinite(k) & ranges)) for k in (program.lower, program.upper))
     each = TIGHTENING.ratio * gap / program.cost_scale / max(count, 1)
-    return float(np.clip(each, TIGHTENING.least_barrier, TIGHTENING.usual))
+    return float(np.clip(each, TIGHTENING.least_barrier, most))
 
 
 def _keeps_all(outcome: SolverOutcome) -> bool:
@@ -401,10 +401,12 @@ def _further(
     program, settings = runner.program, runner.settings
     share = wanted / program.cost_scale / before.point.x.size
     relaxed = {} if tolerance else {"bound_relax_factor": share}
+    barrier = _complementarity(program, slack, np.inf)
     closer: dict[str, Any] = {
-        "compl_inf_tol": _complementarity(program, min(wanted, slack)),
+        "compl_inf_tol": barrier,
         "constr_viol_tol": settings.tolerance,
-        **WARM_START,
+        "mu_init": barrier,
+        **dict.fromkeys(WARM_PUSHES, 1e-16),
         **options,
         **relaxed,
         **settings.options.get("ipopt", {}),
