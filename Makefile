@@ -120,6 +120,8 @@ lint: $(VENV)/.ready-test
 	@$(BIN)/ruff check
 	@$(BIN)/ruff format --check
 	@PYRIGHT_PYTHON_IGNORE_WARNINGS=1 $(BIN)/pyright
+	@{ git log -20 --format=%s 2>/dev/null || true; } | awk 'length($$0) > 72 { \
+	    print "commit subject longer than 72 characters: " $$0; bad = 1 } END { exit bad }'
 
 wheel: $(VENV)/.ready-release
 	@rm -rf dist
