@@ -37,6 +37,7 @@ ORDER = (
     "certificate",
     "execution",
     "tasks",
+    "layout",
     "sweeps",
     "views",
     "cli",

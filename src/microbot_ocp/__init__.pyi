@@ -4,6 +4,7 @@ from . import (
     acceleration as acceleration,
     execution as execution,
     inverse_kinematics as inverse_kinematics,
+    layout as layout,
     limits as limits,
     motion as motion,
     ocp as ocp,
@@ -57,6 +58,10 @@ from .inverse_kinematics import (
     follow_ik as follow_ik,
     solve_ik as solve_ik,
     solve_ik_all as solve_ik_all,
+)
+from .layout import (
+    Design as Design,
+    design as design,
 )
 from .limits import (
     Limit as Limit,

@@ -35,6 +35,7 @@ COMMANDS = {  # module of each command
     "demo": "_motions",
     **dict.fromkeys(("robots", "show", "limits", "fk", "ik"), "_robots"),
     **dict.fromkeys(("simulate", "compare", "time-optimal", "solve"), "_motions"),
+    "design": "_design",
     **dict.fromkeys(("check", "studio"), "_motions"),
     **dict.fromkeys(("sweep", "replay", "export"), "_files"),
     "doctor": "_doctor",

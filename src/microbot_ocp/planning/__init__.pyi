@@ -30,6 +30,7 @@ from .search import (
     over_stretches as over_stretches,
     parts_of as parts_of,
     places_along as places_along,
+    rested_duration as rested_duration,
     scenes_of as scenes_of,
     stretches as stretches,
     time_optimal as time_optimal,

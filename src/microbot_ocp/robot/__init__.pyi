@@ -46,6 +46,10 @@ from ._model import (
     Limits as Limits,
     Robot as Robot,
 )
+from ._mounting import (
+    Mounting as Mounting,
+    geared_limits as geared_limits,
+)
 from ._shapes import (
     Capsule as Capsule,
     Shape as Shape,

@@ -45,7 +45,16 @@ from microbot_ocp.planning import (
     task_of,
     time_optimal,
 )
-from microbot_ocp.robot import Capsule, JointLimits, Robot, joint_scale, per_joint, rotation_of
+from microbot_ocp.robot import (
+    Capsule,
+    JointLimits,
+    Mounting,
+    Robot,
+    geared_limits,
+    joint_scale,
+    per_joint,
+    rotation_of,
+)
 from microbot_ocp.scene import Scene, load_scene, read_request, with_arm_capsules
 from microbot_ocp.tasks._front import SHARES, SLACKS, Front, time_effort_front, time_torque_front
 from microbot_ocp.tasks._task_file import (
@@ -67,6 +76,7 @@ FRONTS: dict[str, tuple[Callable[..., Front], str, Sequence[float]]] = {
 }
 FRONT = {kind: {key: ANY} for kind, (_, key, _) in FRONTS.items()}
 PAYLOAD = keys_of(Payload)
+MOUNTING = keys_of(Mounting, yaw=ANGLE, tool_yaw=ANGLE)
 KINDS: dict[str, Any] = {"line": Line, "circle": Circle, "joint line": JointLine}
 LARGEST_ANGLE = 2 * np.pi  # rad; larger values are probably degrees
 
@@ -95,6 +105,10 @@ class CellFile:
         Obstacles of the table ``[scene]``.
     front : tuple of str and tuple of float, optional
         "effort" or "torque", and the slacks or shares of the table ``[front]``.
+    mounting : Mounting
+        Mounting of the table ``[mounting]``, which the robot has.
+    source : Path, optional
+        File that the task was read from.
     """
 
     origin: str
@@ -109,6 +123,21 @@ class CellFile:
     outputs: tuple[str, ...] = CELL_OUTPUTS
     scene: Scene | None = None
     front: tuple[str, tuple[float, ...]] | None = None
+    mounting: Mounting = field(default_factory=Mounting)
+    source: Path | None = None
+
+    def mounted(self, mounting: Mounting) -> CellFile:
+        """Return the task with the arm mounted otherwise.
+
+        Raises
+        ------
+        InputError
+            Gear ratios of joints that the robot does not have.
+        """
+        robot, before = mounting.on(self.robot, self.mounting), self.mounting
+        factors = mounting.factors(robot) / before.factors(robot)
+        limits = self.limits if np.all(factors == 1.0) else geared_limits(self.limits, factors)
+        return replace(self, robot=robot, limits=limits, mounting=mounting)
 
     def solve(self, progress: StepProgress = quiet) -> Cell:
         """Find and certify the motion, or the motions of a front.
@@ -326,7 +355,7 @@ def read_cell(path: str | Path) -> CellFile:
         for key in ("grid", "blend"):
             if key in settings:
                 raise InputError(f"settings.{key} is for tasks of via points, not of stops")
-        return CellFile(
+        cell = CellFile(
             source.name,
             robot,
             stops,
@@ -336,8 +365,10 @@ def read_cell(path: str | Path) -> CellFile:
             outputs=tuple(given.get("outputs", CELL_OUTPUTS)),
             scene=_scene(given.get("scene"), source.parent, robot),
             front=front,
+            source=source,
             **{key: given[key] for key in ("cycle", "order", "duration") if key in given},
         )
+        return cell.mounted(_mounting(given.get("mounting", {})))
 
 
 def request_cell(path: str | Path, robot: Robot, scene: Scene | None) -> CellFile:
@@ -365,6 +396,16 @@ def _front(table: Mapping[str, Any]) -> tuple[str, tuple[float, ...]]:
     _, key, default = FRONTS[kind]
     values = checks.array(f"{key} of [front]", given.get(key, default), (None,))
     return kind, tuple(values.tolist())
+
+
+def _mounting(table: Mapping[str, Any]) -> Mounting:
+    """Return the mounting of the table [mounting]."""
+
+    def in_radians(_: str, name: str, value: Any, in_degrees: bool) -> Any:
+        return float(np.radians(checks.number(name, value))) if in_degrees else value
+
+    with naming("[mounting]: "):
+        return Mounting(**read_table(table, MOUNTING, "of it", "{}", in_radians))
 
 
 def _with_capsules(robot: Robot, rows: Sequence[Mapping[str, Any]]) -> Robot:

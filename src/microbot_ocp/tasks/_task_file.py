@@ -72,6 +72,7 @@ CELL = {
     "scene": ANY,
     "capsule": TABLES,
     "front": TABLE,
+    "mounting": TABLE,
 }
 VIA = {"q": ANGLE, "t": ANY, "qd": ANGLE}
 KEYS = {

@@ -28,6 +28,7 @@ VIEWS = {  # public name of the class: kind of view = face or module of this fol
     "csv=tables:write_csv plot=plots:comparison paths=plots:paths report=plots:report "
     "rerun=recording:of_comparison animation=animation:animate_comparison "
     "html_report=_html_report:comparison_report",
+    "layout.Design": "plot=plots:design",
     "sweeps.Sweep": "table=tables._results:sweep plot=plots:sweep rerun=recording:of_sweep",
 }
 

@@ -6,6 +6,7 @@ from ._among_obstacles import (
     timed_paths as timed_paths,
 )
 from ._branches import least_duration as least_duration
+from ._estimate import rested_duration as rested_duration
 from ._prepared import TimeOptimalSolver as TimeOptimalSolver
 from ._result import FREE as FREE
 from ._settings import SEARCH as SEARCH, TimeOptimalSettings as TimeOptimalSettings

@@ -176,6 +176,13 @@ class RequiredDistances:
         """Return the limits of the distances on a segment."""
         return self.distances[self.places[index]].limits
 
+    def pairs(self, index: int) -> list[int]:
+        """Return the indices of the pairs with a required distance on a segment.
+
+        They count all pairs whose links may not touch.
+        """
+        return np.flatnonzero(self.distances[self.places[index]].near).tolist()
+
     def after(
         self, poses: Sequence[FloatArray], near: float = 0.0
     ) -> tuple[RequiredDistances, bool, bool]:

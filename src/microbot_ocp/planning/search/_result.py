@@ -217,6 +217,7 @@ def motion_of_answer(best: Fastest) -> Motion:
         search.worst(solution),
         best.wall_time + search.kernel_time,
         best.answer.smoothing,
+        problem.task,
         smoothing_cost=best.smoothing_cost,
         optima_seen=optima,
         starts=starts,
@@ -325,7 +326,8 @@ def branches_of(
         apart = float(np.abs(_poses(coarse) - via).max())
         keep_faster(best, way, row_of_way(way, duration, str(coarse.status), apart=apart))
     rows = sorted(best.values(), key=lambda row: row.pop("apart"))
-    rows[0]["taken"] = True
+    for row in rows[:1]:  # empty for a motion that was solved again with larger distances
+        row["taken"] = True
     rows.sort(key=taken_first)
     for way in problem.ways:
         least = least_of_slower(problem, state, way)

@@ -30,9 +30,11 @@ from microbot_ocp.limits import (
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp import PhaseSolution, Solution
 from microbot_ocp.ocp.transcription import TableEntry
+from microbot_ocp.planning.task._task import Task
 from microbot_ocp.robot import Robot, drive_advice
 
 KEYS = {quantity.name: key for key, quantity in JOINT_QUANTITIES.items()}
+DISTANCE = "distance"  # the limit that a search among obstacles adds
 DIGITS = 8  # significant digits of the numbers stored with every motion
 
 
@@ -145,9 +147,11 @@ def provenance_of(
     excess: float,
     wall_time: float,
     smoothing: float,
+    task: Task | None = None,
     **more: Any,
 ) -> dict[str, Any]:
     """Return the provenance of a time-optimal motion, with further entries ``more``."""
+    stops = None if task is None or task.is_plain else task
     return {
         "method": method,
         "excess": excess,
@@ -155,7 +159,7 @@ def provenance_of(
         "gap": solution.gap.total,  # bound on the distance to the smoothed task's local optimum, s
         "intervals": [phase.mesh.size - 1 for phase in solution.phases],
         "phase_durations": [phase.duration for phase in solution.phases],
-        "multipliers": multipliers_of(solution, family),
+        "multipliers": multipliers_of(solution, family, stops),
         "limits_digest": limits_digest(family.robot.limits),
         **more,
         "wall_time": wall_time,
@@ -164,10 +168,12 @@ def provenance_of(
     }
 
 
-def multipliers_of(solution: Solution, family: LimitFamily) -> dict[str, Any] | None:
+def multipliers_of(
+    solution: Solution, family: LimitFamily, task: Task | None = None
+) -> dict[str, Any] | None:
     """Return slopes of the duration by the limits of a family, as plain values.
 
-    Distances that a search adds have no slopes, as they differ between segments.
+    Distances that a search adds have slopes only in a task, as they differ between segments.
 
     Returns
     -------
@@ -176,8 +182,10 @@ def multipliers_of(solution: Solution, family: LimitFamily) -> dict[str, Any] | 
         "via" [m][n] the slopes of the via points, s/rad (s/m). "rows" has by key the times "t", s,
         and the "slopes" [K][k], s per unit by which the quantity is larger at that time. "beside"
         bounds the error of a slope times a change of data, s: the smoothing of the squared jerk,
-        which scales with the fifth power of time, and the solver's remaining gap. None without
-        multipliers or without a program.
+        which scales with the fifth power of time, and the solver's remaining gap. For a task of
+        stops "segments" has such rows of all limits of every segment, times from its start, and
+        the indices of the "pairs" with a required distance; "stops" has for every stop the slopes
+        of its conditions by their names. None without multipliers or without a program.
     """
     if solution.variable_multipliers is None or any(p.layout is None for p in solution.phases):
         return None
@@ -185,7 +193,11 @@ def multipliers_of(solution: Solution, family: LimitFamily) -> dict[str, Any] | 
     via: dict[int, dict[int, float]] = defaultdict(dict)
     rows: dict[str, dict[float, FloatArray]] = defaultdict(dict)
     start = 0.0
+    families = [family] * len(solution.phases) if task is None else task.families
+    segments: list[dict[str, dict[float, FloatArray]]] = []
+    stops: list[dict[str, FloatArray]] = [{} for _ in range(len(solution.phases) + 1)]
     for number, phase in enumerate(solution.phases):
+        segments.append(defaultdict(dict))
         for entry, times, multipliers in _bounds(solution, phase):
             # A limit whose bounds vary is named by its side, such as "tool speed, upper limit".
             name, _, side = entry.name.partition(", ")
@@ -196,6 +208,14 @@ def multipliers_of(solution: Solution, family: LimitFamily) -> dict[str, Any] | 
                     at = number + (entry.kind == "final")
                     via[at][entry.component] = -float(slopes.sum())
                 continue
+            if entry.kind in ("point", "end"):
+                at = stops[number + (entry.kind == "end")]
+                at.setdefault(entry.name, np.zeros(entry.size))[entry.component] += slopes.sum()
+                continue
+            if key in families[number] and key not in MotionSamples._fields:
+                for t, slope in zip(times.tolist(), slopes, strict=True):
+                    row = segments[-1][key].setdefault(t, np.zeros(entry.size))
+                    row[entry.component] += slope
             if key not in family:
                 continue
             for side, sign in (("lower", -1.0), ("upper", 1.0)):
@@ -208,14 +228,26 @@ def multipliers_of(solution: Solution, family: LimitFamily) -> dict[str, Any] | 
         start += phase.duration
     count = solution.phases[0]["q"].shape[1]
     points = np.array([[via[k].get(j, 0.0) for j in range(count)] for k in sorted(via)])
-    return {
+    prices: dict[str, Any] = {
         **_plain(sides),
         "via": _plain(points),
         "beside": 5 * abs(solution.cost - start) + abs(solution.gap.slack),
-        "rows": {
-            key: {"t": sorted(row), "slopes": _plain(np.array([row[t] for t in sorted(row)]))}
-            for key, row in rows.items()
-        },
+        "rows": _over_time(rows),
+    }
+    if task is not None:
+        prices["segments"] = [_over_time(segment) for segment in segments]
+        prices["stops"] = [_plain(conditions) for conditions in stops]
+        for k, segment in enumerate(prices["segments"]):
+            if DISTANCE in segment:
+                segment[DISTANCE]["pairs"] = task.around.pairs(k)
+    return prices
+
+
+def _over_time(rows: dict[str, dict[float, FloatArray]]) -> dict[str, Any]:
+    """Return times and slopes [K][k] of each limit, as plain values."""
+    return {
+        key: {"t": sorted(row), "slopes": _plain(np.array([row[t] for t in sorted(row)]))}
+        for key, row in rows.items()
     }
 
 
@@ -226,7 +258,7 @@ def _bounds(
     layout = phase.layout
     assert layout is not None
     assert solution.variable_multipliers is not None
-    kinds = {"state", "control", "bound", "constraint", "initial", "final"}
+    kinds = {"state", "control", "bound", "constraint", "initial", "final", "point", "end"}
     for blocks, multipliers in (
         (layout.variables, solution.variable_multipliers),
         (layout.rows, solution.row_multipliers),

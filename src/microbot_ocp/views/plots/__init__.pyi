@@ -9,6 +9,7 @@ from ._charts import (
     sparsity as sparsity,
 )
 from ._curves import Curve as Curve, curves as curves
+from ._design import design as design
 from ._limits import limit_use as limit_use, saturation as saturation
 from ._motion import (
     cell as cell,

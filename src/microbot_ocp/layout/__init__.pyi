@@ -1,0 +1,13 @@
+"""Public names; loaded when they are first asked for."""
+
+from ._design import (
+    Design as Design,
+    design as design,
+)
+from ._quantities import (
+    Quantity as Quantity,
+)
+from ._search import (
+    DesignSettings as DesignSettings,
+    Node as Node,
+)

@@ -1,0 +1,415 @@
+"""The search for the best values of free quantities: a coarse map, then steps along slopes.
+
+The map is made of quick looks: the best branches from rest to rest. Whole solves, with branches and
+orders chosen anew, begin at the given cell and at the best nodes of the map. Steps minimise a
+quadratic model of slopes within a trust region, so that a kink, where the branch or the order
+changes, shortens the next step.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from microbot_ocp._base import checks
+from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.layout._quantities import Quantity, cell_with
+from microbot_ocp.layout._slopes import slopes
+from microbot_ocp.ocp.solution import StepProgress
+from microbot_ocp.planning import rested_duration
+from microbot_ocp.robot import Robot
+from microbot_ocp.scene import clearances, guiding_pairs, with_arm_capsules
+from microbot_ocp.tasks import Cell, CellFile
+
+NODES_A_LINE = 13  # of a map of one quantity
+DECIMALS = 6  # of values
+SAME = 1e-6  # relative: estimates that differ by less are equal
+MODEL_ITERATIONS = 200  # of the minimum of the quadratic model
+
+
+@dataclass(frozen=True)
+class DesignSettings:
+    """Settings of the search for a design.
+
+    Attributes
+    ----------
+    nodes : int
+        Nodes of the map at most, of two quantities in a square; of three or more they are spread
+        evenly at random.
+    solves : int
+        Whole solves at most, those of the differences at the end besides.
+    starts : int
+        Nodes of the map from which steps begin, besides the given cell.
+    radius : float
+        First step, relative to the ranges of the quantities.
+    least_radius : float
+        Step after which a descent ends.
+    gain : float
+        Relative gain of the period below which a step is not taken.
+    """
+
+    nodes: int = 49
+    solves: int = 40
+    starts: int = 3
+    radius: float = 0.1
+    least_radius: float = 0.002
+    gain: float = 2e-4
+
+    def __post_init__(self) -> None:
+        checks.whole("nodes", self.nodes, at_least=4)
+        checks.whole("solves", self.solves, at_least=2)
+        checks.whole("starts", self.starts, at_least=0)
+        for key in ("radius", "least_radius", "gain"):
+            checks.number(key, getattr(self, key), above=0.0, at_most=1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Node:
+    """Values of the quantities, and the quick look at the cell with them.
+
+    Attributes
+    ----------
+    values : array [d]
+    estimate : float
+        Time from rest to rest, s; infinite where it is not known, NaN where there is no motion.
+    refusal : str
+        Reason why there is no motion; empty where there may be one.
+    """
+
+    values: FloatArray
+    estimate: float
+    refusal: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """Values of the quantities, and the certified motion of the cell with them.
+
+    Attributes
+    ----------
+    values : array [d]
+    cell : Cell or None
+        None where the task is refused, or the motion is not solved and certified.
+    refusal : str
+        Reason for that.
+    """
+
+    values: FloatArray
+    cell: Cell | None
+    refusal: str = ""
+
+    @property
+    def period(self) -> float:
+        """Duration of the motion, s; infinite without one."""
+        return np.inf if self.cell is None else self.cell.motion.duration
+
+
+@dataclass(eq=False)
+class Search:
+    """Quick looks and solves of a cell with other values of its free quantities.
+
+    Attributes
+    ----------
+    cell : CellFile
+        Cell of the start, with capsules around its arm where it has a scene.
+    quantities : tuple of Quantity, d
+    settings : DesignSettings
+    progress : StepProgress
+    """
+
+    cell: CellFile
+    quantities: tuple[Quantity, ...]
+    settings: DesignSettings
+    progress: StepProgress
+    nodes: list[Node] = field(default_factory=list)
+    solved: list[Solved] = field(default_factory=list)
+
+    @property
+    def start(self) -> FloatArray:
+        """Values [d] of the given cell."""
+        return np.array([quantity.start for quantity in self.quantities])
+
+    @property
+    def lower(self) -> FloatArray:
+        return np.array([quantity.lower for quantity in self.quantities])
+
+    @property
+    def size(self) -> FloatArray:
+        """Ranges [d] of the quantities."""
+        return np.array([quantity.upper for quantity in self.quantities]) - self.lower
+
+    @property
+    def best(self) -> Solved:
+        """Fastest certified motion; the start where nothing is faster."""
+        return min(self.solved, key=lambda solved: solved.period)
+
+    @property
+    def over(self) -> bool:
+        """True if there are as many solves as allowed."""
+        return len(self.solved) >= self.settings.solves
+
+    # the map --------------------------------------------------------------------------------------
+
+    def look(self, values: FloatArray) -> tuple[Node, FloatArray]:
+        """Return a node with its quick look, and the poses [N,n] of the arm on the way."""
+        cell = cell_with(self.cell, self.quantities, values)
+        task = cell.stops, cell.limits, cell.segments, cell.cycle, cell.scene
+        timed = _with_equal_torques(self.cell.robot, cell.robot)
+        try:
+            estimate, poses = rested_duration(cell.robot, *task, timed)
+        except InputError as refusal:
+            return Node(values, np.nan, str(refusal)), np.zeros((0, cell.robot.joint_count))
+        return Node(values, estimate), poses
+
+    def draw_map(self) -> None:
+        """Look at the nodes of the map.
+
+        Raises
+        ------
+        InputError
+            No node is reachable, or obstacles forbid all that are.
+        """
+        self.nodes = [self.look(values)[0] for values in (self.start, *self.grid())]
+        reachable = [node for node in self.nodes if not node.refusal]
+        self.progress(f"map: {len(reachable)} of {len(self.nodes)} nodes have a motion")
+        if reachable:
+            return
+        if self.cell.scene is not None:
+            bare = replace(self, cell=replace(self.cell, scene=None))
+            for node in self.nodes:
+                if not bare.look(node.values)[0].refusal:
+                    raise InputError(
+                        f"obstacles forbid every one of {len(self.nodes)} placements within the "
+                        f"bounds; at {self.text(node.values)}, for one, {node.refusal}"
+                    )
+        raise InputError(
+            f"none of {len(self.nodes)} placements within the bounds reaches all stops; at "
+            f"{self.text(self.nodes[0].values)}, for one, {self.nodes[0].refusal}"
+        )
+
+    def grid(self) -> list[FloatArray]:
+        """Return the values of the nodes, evenly over the ranges."""
+        count = len(self.quantities)
+        if count <= 2:
+            line = NODES_A_LINE if count == 1 else int(np.sqrt(self.settings.nodes))
+            shares = np.array(list(itertools.product(np.linspace(0.0, 1.0, line), repeat=count)))
+        else:
+            shares = _spread(self.settings.nodes, count)
+        return list(np.round(self.lower + self.size * shares, DECIMALS))
+
+    def text(self, values: FloatArray) -> str:
+        """Return values with names and units."""
+        pairs = zip(self.quantities, values.tolist(), strict=True)
+        return ", ".join(f"{q.name} = {v:.4g} {q.unit}".rstrip() for q, v in pairs)
+
+    def refuse_without_effect(self) -> None:
+        """Raise InputError for a quantity that changes nothing.
+
+        It is varied alone from some nodes of the map: if neither the time from rest to rest nor the
+        distances from obstacles on the way change, it has no effect.
+        """
+        known = sorted(
+            (node for node in self.nodes if np.isfinite(node.estimate)), key=lambda n: n.estimate
+        )
+        places = {0, len(known) // 2, len(known) - 1} if known else set()
+        middles = [known[k].values for k in sorted(places)]
+        reached = np.array([node.values for node in self.nodes if not node.refusal])
+        for k, quantity in enumerate(self.quantities):
+            if np.all(reached[:, k] == quantity.start):
+                why = next(node.refusal for node in self.nodes if node.refusal)
+                raise InputError(
+                    f"no value of {quantity.name} but the present one reaches all stops in a map "
+                    f"of {len(self.nodes)} placements ({why}): leave it out, or give smaller bounds"
+                )
+            pairs = itertools.product(middles, (0.3, 0.85))
+            if known and not any(self._matters(k, *pair) for pair in pairs):
+                raise InputError(
+                    f"{quantity.name} is without effect on this cell, which takes as long with "
+                    "every value: leave it out"
+                )
+
+    def _matters(self, index: int, values: FloatArray, share: float) -> bool:
+        moved = values.copy()
+        moved[index] = self.lower[index] + share * self.size[index]
+        before, after = self._signature(values), self._signature(moved)
+        return not np.allclose(before, after, rtol=SAME, atol=SAME)
+
+    def _signature(self, values: FloatArray) -> tuple[float, float]:
+        """Return estimate, s, and least clearance on the way, m; both -1 without a motion."""
+        node, poses = self.look(values)
+        if node.refusal:
+            return -1.0, -1.0
+        cell = cell_with(self.cell, self.quantities, values)
+        if cell.scene is None:
+            return node.estimate, 0.0
+        robot = with_arm_capsules(cell.robot)
+        bare = cell.scene.without_parts_of(robot)
+        return node.estimate, float(clearances(robot, guiding_pairs(robot, bare), poses).min())
+
+    # solves ---------------------------------------------------------------------------------------
+
+    def solve(self, values: FloatArray) -> Solved:
+        """Return the certified motion of the cell with these values, rounded to 1e-6.
+
+        Known ones are returned again.
+        """
+        values = values if np.array_equal(values, self.start) else np.round(values, DECIMALS)
+        for solved in self.solved:
+            if np.array_equal(solved.values, values):
+                return solved
+        solved = solved_with(self.cell, self.quantities, values)
+        self.solved.append(solved)
+        outcome = solved.refusal or f"{solved.period:.6g} s"
+        self.progress(f"solve {len(self.solved)}: {self.text(values)}: {outcome}")
+        return solved
+
+    def run(self) -> None:
+        """Solve the start and the best nodes of the map, and follow the slopes from each.
+
+        After that come nodes whose estimates, by the smallest ratio of a period to its estimate so
+        far, may be better than the best.
+        """
+        self.solve(self.start)
+        first = [self.solve(node.values) for node in self._promising(self.settings.starts)]
+        for solved in sorted([self.solved[0], *first], key=lambda solved: solved.period):
+            self.descend(solved)
+        while not self.over:
+            node = next(iter(self._promising(1, self._hoped)), None)
+            if node is None:
+                return
+            before, solved = self.best.period, self.solve(node.values)
+            if solved.period < before * (1.0 + self.settings.radius):
+                self.descend(solved)
+
+    def _promising(
+        self, count: int, hoped: Callable[[Node], bool] = lambda node: True
+    ) -> list[Node]:
+        """Return the best nodes that are apart from each other and from all that was solved."""
+        chosen: list[Node] = []
+        apart = self.settings.radius
+        for node in sorted(self.nodes, key=lambda node: node.estimate):
+            places = [solved.values for solved in self.solved] + [other.values for other in chosen]
+            near = (np.abs((node.values - other) / self.size).max() for other in places)
+            if not node.refusal and hoped(node) and min(near, default=np.inf) > apart:
+                chosen.append(node)
+            if len(chosen) == count or len(chosen) + len(self.solved) >= self.settings.solves:
+                break
+        return chosen
+
+    def _hoped(self, node: Node) -> bool:
+        """Return True if a node may be better than the best."""
+        ratios = [
+            solved.period / other.estimate
+            for solved, other in itertools.product(self.solved, self.nodes)
+            if np.isfinite(solved.period)
+            and np.isfinite(other.estimate)
+            and np.array_equal(solved.values, other.values)
+        ]
+        gain = 1.0 - self.settings.gain
+        return not ratios or node.estimate * min(ratios) < gain * self.best.period
+
+    def descend(self, here: Solved) -> None:
+        """Follow the slopes from a solved motion until no step gains, or a better one is near."""
+        settings, count = self.settings, len(self.quantities)
+        curvature, radius = np.eye(count) * 0.0, settings.radius
+        slope = self.slope(here)
+        while slope is not None and radius > settings.least_radius and not self.over:
+            place = (here.values - self.lower) / self.size
+            step, promise = _model_step(place, slope, curvature, radius)
+            if promise < settings.gain * here.period:
+                return
+            other = self.solve(self.lower + self.size * np.clip(place + step, 0.0, 1.0))
+            gained = here.period - other.period
+            if gained >= 0.75 * promise:
+                radius = min(2.0 * radius, 0.5)
+            elif gained < 0.25 * promise:
+                radius = 0.4 * min(radius, float(np.abs(step).max()))
+            slope_there = self.slope(other) if np.isfinite(other.period) else None
+            if slope_there is not None:
+                curvature = _updated(curvature, step, slope_there - slope)
+            if gained > 0.0:
+                here, slope = other, slope_there
+                if len(self.solved) > 1 and self._elsewhere(here):
+                    return
+
+    def _elsewhere(self, here: Solved) -> bool:
+        """Return True if a better motion with nearly these values is known from another descent."""
+        near = (
+            np.abs((here.values - other.values) / self.size).max() < 0.5 * self.settings.radius
+            for other in self.solved
+            if other is not here and other.period < here.period
+        )
+        return any(near)
+
+    def slope(self, solved: Solved) -> FloatArray | None:
+        """Return the slopes [d] of the period by the shares of the ranges, s."""
+        if solved.cell is None:
+            return None
+        by_unit = slopes(self.cell, self.quantities, solved.values, solved.cell.motion)
+        return None if by_unit is None else np.nan_to_num(by_unit * self.size)
+
+
+def solved_with(cell: CellFile, quantities: Sequence[Quantity], values: FloatArray) -> Solved:
+    """Return the certified motion of a cell with other values of its quantities."""
+    try:
+        answer = cell_with(cell, quantities, values).solve()
+    except InputError as refusal:
+        return Solved(values, None, str(refusal))
+    if not answer.motion.solved:
+        return Solved(values, None, answer.motion.advice or answer.motion.status.sentence)
+    if not answer.certificate.ok:
+        return Solved(values, None, answer.certificate.outcome)
+    return Solved(values, answer)
+
+
+def _with_equal_torques(first: Robot, moved: Robot) -> Robot | None:
+    """Return a robot with the torques of a moved one whose functions are likely there already.
+
+    A place changes no torque, nor does a turn about the vertical; limits of a user's own may depend
+    on the place.
+    """
+    gravity = [robot.base[:3, :3].T @ robot.gravity for robot in (first, moved)]
+    if first.limits.also or not np.allclose(*gravity, rtol=0.0, atol=SAME):
+        return None
+    return replace(moved, base=first.base, capsules=first.capsules)
+
+
+def _model_step(
+    place: FloatArray, slope: FloatArray, curvature: FloatArray, radius: float
+) -> tuple[FloatArray, float]:
+    """Return the best step [d] of a quadratic model within a trust region, and its gain, s."""
+
+    low, high = np.maximum(-radius, -place), np.minimum(radius, 1.0 - place)
+    pace = 1.0 / max(float(np.linalg.norm(curvature, 2)), SAME)
+    gains = []
+    for step in (np.where(slope > 0.0, low, high), np.zeros(place.size)):
+        for _ in range(MODEL_ITERATIONS):
+            step = np.clip(step - pace * (slope + curvature @ step), low, high)
+        gains.append((float(-slope @ step - 0.5 * step @ curvature @ step), step))
+    gain, step = max(gains, key=lambda pair: pair[0])
+    return step, gain
+
+
+def _spread(number: int, count: int) -> FloatArray:
+    """Return points [number,count] in the unit cube, spread evenly.
+
+    Their steps are powers of the root of x^(count+1) = x + 1, as of the golden section: Roberts,
+    "The unreasonable effectiveness of quasirandom sequences", 2018.
+    """
+    root = 2.0
+    for _ in range(100):
+        root = (1.0 + root) ** (1.0 / (count + 1))
+    steps = root ** -np.arange(1.0, count + 1)
+    return (0.5 + np.arange(1, number + 1)[:, None] * steps) % 1.0
+
+
+def _updated(curvature: FloatArray, step: FloatArray, change: FloatArray) -> FloatArray:
+    """Return the symmetric rank-one update of a curvature; unchanged where it is not defined."""
+    missed = change - curvature @ step
+    along = float(missed @ step)
+    if abs(along) < 1e-8 * float(np.linalg.norm(missed) * np.linalg.norm(step)) or along == 0.0:
+        return curvature
+    return curvature + np.outer(missed, missed) / along
