@@ -28,10 +28,10 @@ from microbot_ocp.robot.files import is_robot_name
 from microbot_ocp.scene import Scene, with_arm_capsules
 from microbot_ocp.tasks import Cell, CellFile, read_cell
 
-DIFFERENCE = 0.02  # of a range: step of the differences, far above what a mesh changes
-AGREE = 0.01  # relative: slope and difference
-KINK = 0.1  # relative: differences to both sides
-NOISE = 2e-5  # of the period: two solves of one cell on other meshes differ by so much
+DIFFERENCE = 0.02  # step of the differences, as a share of a range: far above the effect of a mesh
+AGREE = 0.01  # relative difference of slopes that agree
+KINK = 0.1  # relative change of the slope across a kink
+NOISE = 2e-5  # share of the period by which two solves on different meshes differ
 # A displacement or a turn whose worth is stated, by the unit.
 SAID = {"m": (0.01, "10 mm"), "rad": (np.radians(1.0), "1 deg"), "": (0.01, "1 %")}
 
@@ -256,7 +256,7 @@ def design(
     scene : Scene, optional
         Obstacles, instead of the scene of the cell.
     settings : DesignSettings, optional
-        How many quick looks and solves the search may take.
+        Numbers of quick looks and solves.
     progress : callable, optional
         Function that receives a line of text at every solve.
     segments, cycle, order, **changes

@@ -17,8 +17,8 @@ from microbot_ocp.tasks import CellFile
 AXES = ("x", "y", "z")
 PLACE = (*AXES, "yaw")
 KINDS = ("base", "tool", "stops", "gear ratio")
-REACH = 0.25  # of the arm: displacements in both directions where no bounds are given
-TURN = 0.5 * np.pi  # rad, in both directions
+REACH = 0.25  # share of the reach: default displacement in both directions
+TURN = 0.5 * np.pi  # rad, default turn in both directions
 GEARS = (0.5, 2.0)
 
 
@@ -150,7 +150,7 @@ def _bounded(cell: CellFile, quantity: Quantity, given: Any) -> Quantity:
 
 
 def cell_with(cell: CellFile, quantities: Sequence[Quantity], values: FloatArray) -> CellFile:
-    """Return the cell with other values of the quantities; what keeps its value is the same."""
+    """Return the cell with other values of the quantities."""
     mounting, gears, stops = {}, dict(cell.mounting.gear_ratio), {}
     for quantity, value in zip(quantities, values.tolist(), strict=True):
         if value == quantity.start:

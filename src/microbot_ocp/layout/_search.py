@@ -24,10 +24,10 @@ from microbot_ocp.robot import Robot
 from microbot_ocp.scene import clearances, guiding_pairs, with_arm_capsules
 from microbot_ocp.tasks import Cell, CellFile
 
-NODES_A_LINE = 13  # of a map of one quantity
-DECIMALS = 6  # of values
-SAME = 1e-6  # relative: estimates that differ by less are equal
-MODEL_ITERATIONS = 200  # of the minimum of the quadratic model
+NODES_A_LINE = 13  # a map of one quantity has so many
+DECIMALS = 6  # digits of the values
+SAME = 1e-6  # relative difference of equal estimates
+MODEL_ITERATIONS = 200  # steps to the minimum of the quadratic model
 
 
 @dataclass(frozen=True)
@@ -312,7 +312,7 @@ class Search:
         return not ratios or node.estimate * min(ratios) < gain * self.best.period
 
     def descend(self, here: Solved) -> None:
-        """Follow the slopes from a solved motion until no step gains, or a better one is near."""
+        """Take steps along the slopes until none gains, or a better motion is near."""
         settings, count = self.settings, len(self.quantities)
         curvature, radius = np.eye(count) * 0.0, settings.radius
         slope = self.slope(here)

@@ -22,7 +22,7 @@ from microbot_ocp.planning import Task, in_order, scenes_of, task_of, tool_poses
 from microbot_ocp.scene import Scene, clearances, guiding_pairs, with_arm_capsules
 from microbot_ocp.tasks import CellFile
 
-STEP = 1e-4  # of the range of a quantity: everything is smooth, and rounding far below
+STEP = 1e-4  # share of the range of a quantity, far above rounding
 
 
 def task_in(cell: CellFile, motion: Motion) -> Task:
