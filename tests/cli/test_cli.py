@@ -39,6 +39,7 @@ COMMANDS = [
     "compare",
     "time-optimal",
     "solve",
+    "design",
     "check",
     "studio",
     "sweep",
