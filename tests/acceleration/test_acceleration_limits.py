@@ -108,13 +108,13 @@ def test_no_term_is_farther_from_its_tangent_or_parabola_than_bounded(robot: mo.
         for terms in torque_terms(robot, tuple(low.tolist()), tuple(high.tolist())):
             here, there = terms.at(center), terms.at(center + shift)[:, 0]
             off = there - here[:, 0] - np.einsum("bk,bkf->bf", shift, here[:, 1:])
-            assert (np.abs(off) <= terms.rest(np.abs(shift)) + 1e-12).all()
+            assert (np.abs(off) <= terms.tangent_error(np.abs(shift)) + 1e-12).all()
             weights = np.zeros((len(center), 1 + n))
             for term in range(1 + n):
                 weights[:], weights[:, term] = 0.0, 1.0
                 bends = terms.bends(center, weights)
                 left = off[:, term] - 0.5 * np.einsum("bi,bij,bj->b", shift, bends, shift)
-                assert (np.abs(left) <= terms.rest_of_bends(np.abs(shift))[:, term] + 1e-12).all()
+                assert (np.abs(left) <= terms.parabola_error(np.abs(shift))[:, term] + 1e-12).all()
             assert (np.abs(there) <= terms.amplitude + 1e-12).all()
 
 

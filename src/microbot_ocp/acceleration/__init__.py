@@ -1,8 +1,11 @@
-"""Accelerations that torque allows everywhere in a region: proved by branch and bound.
+"""Acceleration limits that keep every torque within its limit, proved by branch and bound.
 
-A robot, a region of its joints, speeds and payloads come in; out come limits of the accelerations
-(and jerks) within which no motion asks for more than the torques, for planners that know no torque.
-Begin at ``_limits.py``; the bounds are in ``_forms.py``, the search in ``_search.py``.
+The input is a robot, a region of joint positions, largest speeds and payloads. The output is a box
+of accelerations (and of jerks) for planners that do not compute torques: no motion inside of the
+box needs more torque than the joints have.
+
+Start reading at ``_limits.py``. The bounds are in ``_forms.py`` and ``_demand.py``, the search is
+in ``_search.py``.
 """
 
 from microbot_ocp._base import border

@@ -1,7 +1,7 @@
-"""Torques at speeds that are not the largest in all joints at once: within an ellipsoid.
+"""Torque demand over an ellipsoid of joint speeds instead of a box.
 
-Over a ball of shares of the speeds a quadratic form is largest along an eigenvector, and at most
-its largest eigenvalue times the square of the radius.
+With u_j = qd_j / speed_j the speeds fill the ball ``|u| <= radius``. A quadratic form ``u' C u`` is
+largest there along the eigenvector of its largest eigenvalue: ``radius^2 max(0, lambda_max(C))``.
 """
 
 from __future__ import annotations
@@ -16,19 +16,20 @@ from microbot_ocp.acceleration._demand import Boxes, Demand, States
 
 @dataclass(frozen=True, eq=False)
 class CoupledDemand(Demand):
-    """The torque of a joint where the root of the sum of squared shares of speeds is bounded.
+    """Torque demand of one joint with the Euclidean norm of the speed shares bounded.
 
     Attributes
     ----------
     radius : float
-        The bound: 1 for one joint at its largest speed, or all at a part of it.
+        Largest norm of the shares ``qd_j / speed_j``. With 1, one joint alone may reach its
+        largest speed.
     """
 
     radius: float
 
     @property
     def all_shares(self) -> tuple[FloatArray, FloatArray]:
-        """Ends [n] of the shares of speeds, which are not split."""
+        """Lower and upper ends [n] of the speed shares; the search does not split them."""
         share = np.where(self.speed > 0, min(1.0, self.radius), 0.0)
         return -share, share
 
@@ -39,6 +40,7 @@ class CoupledDemand(Demand):
         terms[:, :, 0] *= self.side
         terms[:, :, 1 + count :] *= self.side
         sizes, directions = np.linalg.eigh(self._forms(terms[:, 0, 1 + count :]))
+        # The state has to be possible: no share exceeds 1, and the joint's own speed is positive.
         shares = self.radius * directions[:, :, -1] * (sizes[:, -1:] > 0.0)
         shares = shares / np.maximum(1.0, np.abs(shares).max(axis=1, keepdims=True))
         shares *= np.where(shares[:, self.joint] < 0.0, -1.0, 1.0)[:, None]
@@ -48,15 +50,17 @@ class CoupledDemand(Demand):
         torque += np.einsum("bj,bjk,bk->b", speeds, form, speeds)
         inertia = np.abs(terms[:, 0, 1 : 1 + count])
         states = States(middle, shares, inertia, self.limit - torque)
+        # The bound adds the maxima of friction and of the form, reached at different speeds.
         most = self.viscous * self.speed[self.joint] * min(1.0, self.radius)
         most = terms[:, 0, 0] + most + self.radius**2 * np.maximum(0.0, sizes[:, -1])
         return states, (terms, most[:, None], terms[:, 1:, :1])
 
-    def _left_of_speeds(
+    def _coriolis_excess(
         self, boxes: Boxes, terms: FloatArray, rest: FloatArray, swing: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         count = self.speed.size
         half = ((boxes.high - boxes.low) / 2)[:, :count]
+        # |u' A u| <= radius^2 |A| in the spectral norm, which the Frobenius norm bounds.
         turned = np.abs(np.linalg.eigvalsh(self._forms(terms[:, 1:, 1 + count :]))).max(axis=2)
         across = self.radius**2 * half * turned
         curved = np.linalg.norm(self._forms(rest[:, 1 + count :]), axis=(1, 2))
@@ -64,5 +68,5 @@ class CoupledDemand(Demand):
         return left, np.hstack([across, np.zeros_like(half)])
 
     def _forms(self, entries: FloatArray) -> FloatArray:
-        """Return forms [...,n,n] of the shares of speeds from entries [...,P] of the speeds."""
+        """Return the form in the shares as matrices [...,n,n] from coefficients [...,P]."""
         return entries[..., self._square] * np.outer(self.speed, self.speed)

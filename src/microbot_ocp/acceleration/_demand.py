@@ -1,11 +1,16 @@
-"""The torque that one joint needs at most, over boxes of positions and speeds: exact at a point,
-bounded in a box.
+"""Largest torque of one joint over boxes of positions and speeds.
 
-The torque is linear in the accelerations, so ``sum_j |M_ij| a_j`` is what a box of them adds. It is
-a quadratic form of the speeds, whose largest value over a box of them is at a corner, once what
-bends down along a joint, ``-c (u - m)^2``, is taken as zero: too much by ``c`` times the square of
-half the box's width, which splitting takes away. The form has one value for a speed and its
-reverse, so that of the joint itself, which friction follows, need not be negative.
+The torque is exact at a point, and bounded from above in a box.
+
+Accelerations: the torque is linear in them, so a box ``|qdd_j| <= a_j`` adds ``sum_j |M_ij| a_j``.
+
+Speeds: the Coriolis torque is a quadratic form. If it is convex along every joint, its largest
+value over a box is at a corner. A concave part ``-c (u - m)^2`` about the middle m is replaced by
+zero. This overestimates the torque by at most ``c h^2``, with h half the width of the box, and the
+error vanishes as boxes are split.
+
+Sign: the form is equal at qd and -qd, and friction grows with the speed of the joint itself. The
+largest torque therefore occurs at a speed of the joint that is not negative.
 """
 
 from __future__ import annotations
@@ -21,33 +26,33 @@ from microbot_ocp.acceleration._forms import ROUNDING, Terms, pairs
 from microbot_ocp.robot import COULOMB_SMOOTHING
 
 Rows = np.ndarray | slice
-CHUNK = 60_000  # numbers of an array that the second cache holds with some others
+CHUNK = 60_000  # Arrays of this many numbers fit several at once into the second-level cache.
 
 
 class Boxes(NamedTuple):
-    """Boxes [B,2n] of joint positions and of shares of the largest speeds, -1 to 1."""
+    """Boxes [B,2n] of joint positions, rad (m), and of shares of the largest speeds, -1 to 1."""
 
     low: FloatArray
     high: FloatArray
 
     def taken(self, rows: Rows) -> Boxes:
-        """Return some of them."""
+        """Return the boxes of these rows."""
         return Boxes(self.low[rows], self.high[rows])
 
 
 class States(NamedTuple):
-    """States in which a joint's torque is looked at.
+    """States at which the torque of one joint is evaluated.
 
     Attributes
     ----------
     q : array [B,n]
-        rad (m).
+        Joint positions, rad (m).
     shares : array [B,n]
-        Of the largest speeds.
+        Joint speeds as shares of the largest ones, -1 to 1.
     rows : array [B,n]
-        Sizes of the entries of the mass matrix in the row of the joint, kg m^2.
+        Absolute values of the joint's row of the mass matrix, kg m^2.
     room : array [B]
-        Torque that is left for accelerations, N m (N).
+        Torque that remains for accelerations, N m (N).
     """
 
     q: FloatArray
@@ -56,24 +61,32 @@ class States(NamedTuple):
     room: FloatArray
 
     def scale(self, box: FloatArray) -> FloatArray:
-        """Return the factor [B] of a box [n] of accelerations at which the torque is used up."""
+        """Return the scale [B] of a box [n] of accelerations that uses up the torque."""
         with np.errstate(divide="ignore", invalid="ignore"):
             scale = self.room / (self.rows @ box)
         return np.where(np.isnan(scale), np.inf, scale)
 
     def taken(self, rows: Rows) -> States:
-        """Return some of them."""
+        """Return the states of these rows."""
         return States(*(part[rows] for part in self))
 
     @staticmethod
     def joined(parts: list[States]) -> States:
-        """Return the states of several."""
+        """Join lists of states into one."""
         return States(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
 class Bounds(NamedTuple):
-    """Of boxes: a scale of the accelerations that is surely possible, states in the middle, and
-    how much of the torque's change stems from each of the 2n coordinates.
+    """Bounds over boxes of positions and speeds.
+
+    Attributes
+    ----------
+    scale : array [B]
+        Scale of the accelerations that is proved for every state of the box.
+    states : States
+        Worst state in the middle of each box.
+    weights : array [B,2n]
+        Contribution of each coordinate to the change of the torque in the box, N m (N).
     """
 
     scale: FloatArray
@@ -83,24 +96,24 @@ class Bounds(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Demand:
-    """The torque of one joint, on one side of its limits, with one payload.
+    """Torque demand of one joint towards one of its limits, with one payload.
 
     Attributes
     ----------
     terms : Terms
-        Gravity, the row of the mass matrix, the Coriolis coefficients.
+        Gravity torque, row of the mass matrix and Coriolis coefficients of the joint.
     joint : int
-        From 0.
+        Index of the joint, from 0.
     side : float
-        1 for the upper limit, -1 for the lower.
+        Sign of the limit: 1 for the upper one, -1 for the lower one.
     limit : float
-        Its size, N m (N).
+        Largest torque towards this side, N m (N).
     speed : array [n]
-        Largest speeds, rad/s (m/s).
+        Largest speeds of all joints, rad/s (m/s).
     viscous, coulomb : float
-        Friction of the joint.
+        Friction coefficients of the joint, N m s (N s/m) and N m (N).
     payload : float
-        kg.
+        Mass at the tool, kg.
     """
 
     terms: Terms
@@ -114,7 +127,7 @@ class Demand:
 
     @cached_property
     def _corners(self) -> FloatArray:
-        """Signs [V,n] of the corners of a box of speeds, without those that are always zero."""
+        """Signs [V,n] of the corners of a box of speeds; 0 for joints at rest."""
         moving = np.flatnonzero(self.speed > 0)
         signs = np.zeros((2**moving.size, self.speed.size))
         for bit, joint in enumerate(moving.tolist()):
@@ -134,7 +147,7 @@ class Demand:
 
     @cached_property
     def _square(self) -> np.ndarray:
-        """Places [n,n] of the Coriolis coefficients among the pairs."""
+        """Indices [n,n] of the Coriolis coefficients C_ijk in the list of pairs j <= k."""
         count = self.speed.size
         first, second = pairs(count)
         place = np.zeros((count, count), dtype=int)
@@ -143,21 +156,21 @@ class Demand:
 
     @property
     def all_shares(self) -> tuple[FloatArray, FloatArray]:
-        """Ends [n] of the shares of speeds: that of the joint itself is not negative."""
+        """Lower and upper ends [n] of the speed shares; the joint's own share is not negative."""
         high = np.where(self.speed > 0, 1.0, 0.0)
         low = -high
         low[self.joint] = 0.0
         return low, high
 
     def states_at(self, q: FloatArray) -> States:
-        """Return the worst corner of the speeds at positions [B,n]."""
+        """Return the states [B] with the worst corner of the speeds at positions [B,n]."""
         low, high = (np.broadcast_to(end, q.shape) for end in self.all_shares)
         boxes = Boxes(np.hstack([q, low]), np.hstack([q, high]))
         parts = [self._at_corners(boxes.taken(rows))[0] for rows in self._chunks(len(q))]
         return States.joined(parts)
 
     def bounds(self, boxes: Boxes, box: FloatArray, scale: float) -> Bounds:
-        """Return bounds for accelerations within ``box`` [n], sharpest near this scale of them."""
+        """Return bounds of the scale of a box [n] of accelerations, sharpest near ``scale``."""
         parts = [
             self._bounds(boxes.taken(rows), box, scale) for rows in self._chunks(len(boxes.low))
         ]
@@ -169,9 +182,10 @@ class Demand:
         return [slice(begin, begin + size) for begin in range(0, max(count, 1), size)]
 
     def _at_corners(self, boxes: Boxes) -> tuple[States, tuple[FloatArray, ...]]:
-        """Return the states in the middle, and the terms and values at the corners of the speeds.
+        """Return the worst states in the middle of boxes, and their torques without acceleration.
 
-        The latter are terms [B,1 + n,F], and torques [B,V] and their slopes [B,n,V].
+        The second result holds the terms [B,1 + n,F], the torques [B,V] at the corners of the
+        speeds, and the slopes [B,n,V] of these torques in the positions.
         """
         count = self.speed.size
         middle, half = (boxes.low + boxes.high) / 2, (boxes.high - boxes.low) / 2
@@ -182,6 +196,9 @@ class Demand:
         form = terms[:, :, 1 + count :][:, :, self._square]
         at_mean = np.matmul(form, mean[:, None, :, None])[..., 0]
         first, second = self._mixed
+        # At a corner the speeds are m + d s, with middle m, half width d and signs s = +-1:
+        # qd' C qd = m' C m + sum_j C_jj d_j^2 + 2 m' C (d s) + 2 sum_j<k C_jk d_j d_k s_j s_k.
+        # One matrix product with the monomials of s evaluates it at all corners.
         numbers = np.empty((len(terms), 1 + count, len(self._monomials)))
         bent = np.einsum("bkjj,bj->bk", form, spread**2)
         numbers[:, :, 0] = terms[:, :, 0] + np.einsum("bkj,bj->bk", at_mean, mean) + bent
@@ -208,20 +225,22 @@ class Demand:
         states, (terms, values, slopes) = self._at_corners(boxes)
         half = (boxes.high[:, :count] - boxes.low[:, :count]) / 2
         largest = np.maximum(np.abs(boxes.low), np.abs(boxes.high))[:, count:] * self.speed
-        rest = self.terms.rest(half)
+        rest = self.terms.tangent_error(half)
         swing = np.einsum("bk,bkf->bf", half, np.abs(terms[:, 1:])) + rest
-        # what accelerations add: an entry that keeps its sign is as smooth as its term
+        # Accelerations add |M_ij| a_j. Where M_ij keeps its sign in the box, |M_ij| is as smooth
+        # as M_ij and has a tangent; elsewhere only |M_ij(c)| + swing bounds it.
         inertia, swings = terms[:, 0, 1 : 1 + count], swing[:, 1 : 1 + count]
         keeps = np.abs(inertia) >= swings
         signed = np.where(keeps, np.sign(inertia), 0.0) * box
         tilt = np.einsum("bj,bkj->bk", signed, terms[:, 1:, 1 : 1 + count])
-        fixed, across = self._left_of_speeds(boxes, terms, rest, swing)
+        fixed, across = self._coriolis_excess(boxes, terms, rest, swing)
         fixed += self.coulomb * np.tanh(self.speed[self.joint] / COULOMB_SMOOTHING)
         fixed += self._margin(box, scale)
-        # what is left of gravity and inertia, as (at no acceleration, for each of the scale)
+        # Each pair in ``ends`` bounds the torque at scale 0 and at ``scale``, with the remainder of
+        # Taylor polynomials of degree one (tangent) and of degree two (parabola).
         added = (np.abs(inertia) + np.where(keeps, 0.0, swings)) @ box
         tilted = slopes + scale * tilt[:, :, None]
-        tangent, parabola = rest[:, : 1 + count], self.terms.rest_of_bends(half)
+        tangent, parabola = rest[:, : 1 + count], self.terms.parabola_error(half)
         bends = self._bends(states.q, signed)
         ends = []
         for rests, by in ((tangent, 0.0), (parabola, 1.0)):
@@ -232,7 +251,8 @@ class Demand:
         (slow, fast), (bent_slow, bent_fast) = ends
         lower = bent_fast < fast
         slow, fast = np.where(lower, bent_slow, slow), np.where(lower, bent_fast, fast)
-        # a bound is convex in the scale: below this one it is under its chord from zero
+        # The bound b(s) is convex in the scale s, so for 0 <= s <= scale it lies below its chord:
+        # b(s) <= slow + (fast - slow) s / scale. The chord reaches the limit at ``possible``.
         with np.errstate(divide="ignore", invalid="ignore"):
             possible = scale * (self.limit - slow) / (fast - slow)
         possible = np.where(fast > slow, possible, np.where(slow <= self.limit, np.inf, -np.inf))
@@ -246,11 +266,13 @@ class Demand:
         across[:, :count] += weights
         return Bounds(possible, states, across)
 
-    def _left_of_speeds(
+    def _coriolis_excess(
         self, boxes: Boxes, terms: FloatArray, rest: FloatArray, swing: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return what speeds add at most to the torque at the corners [B], and the shares of each
-        coordinate [B,2n] in it: the rest of the terms, and what bends down in a speed.
+        """Return the largest excess [B] of the Coriolis torque over its tangents at the corners.
+
+        The excess has two parts: the remainders of the Coriolis coefficients in the positions, and
+        concave parts of the form along a speed. The second result [B,2n] splits it by coordinate.
         """
         count = self.speed.size
         low, high = (end[:, count:] * self.speed for end in boxes)
@@ -262,7 +284,7 @@ class Demand:
         return left, np.hstack([0.0 * bent, bent])
 
     def _bends(self, q: FloatArray, signed: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return second derivatives [B,n,n] of gravity and of what accelerations [B,n] add."""
+        """Return second derivatives [B,n,n] of gravity, and of M qdd for qdd = ``signed`` [B,n]."""
         none = np.zeros((len(q), 1))
         gravity = np.hstack([none + self.side, 0.0 * signed])
         inertia = np.hstack([none, signed])
@@ -273,16 +295,17 @@ class Demand:
         return np.where(first == second, 1.0, 2.0) * largest[:, first] * largest[:, second]
 
     def _margin(self, box: FloatArray, scale: float) -> float:
-        """Return a torque above all errors of rounding, and of curvatures that are left out."""
+        """Return a torque above all rounding errors and neglected curvatures, N m (N)."""
         ones = np.concatenate([[1.0], scale * box, self._pairs(self.speed[None])[0]])
         return ROUNDING * (self.limit + float(self.terms.amplitude @ ones))
 
 
 def _largest(slopes: FloatArray, bends: FloatArray, half: FloatArray) -> FloatArray:
-    """Return bounds [B,V] of ``slope . x + x' bend x / 2`` at distances up to ``half`` [B,n], of
-    slopes [B,n,V].
+    """Return upper bounds [B,V] of ``slope . x + x' bend x / 2`` for ``|x_j| <= half_j``.
 
-    Along one joint a parabola that bends down is largest where its slope is zero, or at the end.
+    The arguments are slopes [B,n,V], second derivatives [B,n,n] and half widths [B,n]. Diagonal
+    terms are maximised exactly: a concave parabola is largest at its vertex ``|slope| / -bend``, or
+    at the end of the range. Mixed terms are bounded by their absolute values.
     """
     width, each, sizes = half[:, :, None], np.arange(half.shape[1]), np.abs(slopes)
     diagonal = bends[:, each, each][:, :, None]

@@ -1,4 +1,4 @@
-"""Limits in the forms of the planners that take them."""
+"""Files of acceleration limits in the formats of other planners."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FORMS = {"moveit": (".yaml", ".yml"), "curobo": (".yml", ".yaml"), "urdf": (".ur
 
 
 def form_of(path: str | Path, form: str | None) -> str:
-    """Return the form of a file: as given, or by its ending."""
+    """Return the format of a file: ``form`` if given, otherwise chosen by the file's ending."""
     ending = Path(path).suffix.lower()
     if form is None:
         form = "urdf" if ending == ".urdf" else "moveit"
@@ -35,7 +35,7 @@ def write(
     qddd_max: FloatArray | None,
     remark: str,
 ) -> Path:
-    """Write limits of speed, acceleration and jerk [n] to a file of a form."""
+    """Write limits of speed, acceleration and jerk [n] to a file; return its path."""
     if form == "urdf":
         limited = robot.with_limits(qd_max=speed)
         return write_whole(path, _urdf(limited, qdd_max, qddd_max))
@@ -57,7 +57,7 @@ def write(
 
 
 def _urdf(robot: Robot, qdd_max: FloatArray, qddd_max: FloatArray | None) -> str:
-    """Return URDF 1.2, whose limits have attributes of acceleration and jerk."""
+    """Return the robot as URDF 1.2, which has attributes for limits of acceleration and jerk."""
     root = ElementTree.fromstring(robot_to_urdf(robot.with_limits(qdd_max=float("inf"))))
     root.set("version", "1.2")
     joints = {joint.get("name"): joint for joint in root.iter("joint")}
@@ -77,5 +77,5 @@ def _numbers(values: FloatArray) -> str:
 
 
 def _quoted(name: str) -> str:
-    """Return a name as YAML and JSON have it, between quotes."""
+    """Return a name in double quotes, with escapes that YAML and JSON share."""
     return json.dumps(name, ensure_ascii=False)

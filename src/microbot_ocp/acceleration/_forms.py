@@ -1,11 +1,17 @@
-"""The torque of a joint as terms in the acceleration and speed, and bounds of how they curve.
+"""Coefficients of a joint's torque as functions of position, with bounds of their curvature.
 
-``tau_i = g_i(q) + sum_j M_ij(q) qdd_j + sum_jk C_ijk(q) qd_j qd_k + friction``: every term is a sum
-of plane waves ``A cos(nu . q + phase)`` with whole nu, at most 2 for each revolute joint, and of
-powers of prismatic ones. A wave differs from its tangent at c by at most ``A (nu . (q - c))^2 / 2``
-(a power x^m with |x| <= 1 likewise, with m for nu), so the sum of ``A nu nu'`` over the waves of a
-term bounds its curvature everywhere. The amplitudes come from a discrete Fourier transform, which
-is exact for such sums; the terms and their slopes at c from the robot's own CasADi functions.
+``tau_i = g_i(q) + sum_j M_ij(q) qdd_j + sum_jk C_ijk(q) qd_j qd_k + friction``
+
+Each coefficient g_i, M_ij, C_ijk is called a term. In revolute joints a term is a finite sum of
+plane waves ``A cos(nu . q + phase)`` with integer frequencies, ``|nu_j| <= 2``. In prismatic joints
+it is a polynomial of degree two at most.
+
+A wave differs from its tangent at c by at most ``A (nu . (q - c))^2 / 2``. The same holds for a
+power x^m with |x| <= 1 and m in place of nu. The sum of ``A nu nu'`` over all waves of a term
+therefore bounds its curvature everywhere.
+
+A discrete Fourier transform yields the amplitudes A, exactly for such sums. Values and slopes of
+the terms come from the robot's own CasADi functions.
 """
 
 from __future__ import annotations
@@ -22,28 +28,33 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.fast_calls import table_call
 from microbot_ocp.robot import Robot, forward_kinematics, gravity_torque, mass_matrix
 
-# A term is right to some 1e-13 of the amplitude of its waves; bounds are widened by this share
+# Rounding errors of a term are near 1e-13 of its amplitude; bounds are widened by this share of it.
 ROUNDING = 1e-9
-MOST_WAVES = 100_000  # of a mass matrix: 5^7, of eight joints
-_POWERS = np.array([[0.0, 1.0, 0.0], [-0.5, 0.0, 0.5], [0.5, -1.0, 0.5]])  # from values at -1, 0, 1
-_SLOPE = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 2.0], [0.0, 0.0, 0.0]])  # of 1, x, x^2
+# The mass matrix of eight revolute joints has 5^7 = 78,125 waves: five frequencies for each joint
+# but the first.
+MOST_WAVES = 100_000
+# Coefficients of 1, x, x^2 are _POWERS @ (values at x = -1, 0, 1).
+_POWERS = np.array([[0.0, 1.0, 0.0], [-0.5, 0.0, 0.5], [0.5, -1.0, 0.5]])
+# Coefficients of the derivative are _SLOPE @ (coefficients of 1, x, x^2).
+_SLOPE = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 2.0], [0.0, 0.0, 0.0]])
 
 
 @dataclass(frozen=True, eq=False)
 class Terms:
-    """Functions of the joint positions, with a bound of how far each is from its tangent.
+    """F functions of the joint positions, with bounds of the distance from their tangents.
 
     Attributes
     ----------
     call : function of q [B,n] to the values and slopes [B, (1 + n) F]
     curvature : array [F,n,n]
-        A term differs from its tangent by at most ``w' curvature w / 2`` at distances up to w.
+        Bound of the curvature: at distances ``|q_j - c_j| <= w_j`` a term differs from its tangent
+        at c by at most ``w' curvature w / 2``.
     amplitude : array [F]
-        Never exceeded by a term.
+        Bound of the absolute value of a term.
     second : function of q [B,n] and weights [B,S]
-        To second derivatives [B,n n] of the weighted sum of the first S terms; None if S is 0.
+        Second derivatives [B,n n] of the weighted sum of the first S terms; None if S is 0.
     fourth : array [S,P,P]
-        Bounds of fourth derivatives of these, by pairs of joints.
+        Bounds of the fourth derivatives of the first S terms, by pairs of joints.
     """
 
     call: Callable[[FloatArray], Any]
@@ -57,47 +68,48 @@ class Terms:
         count = len(self.curvature)
         return np.asarray(self.call(q)).reshape(len(q), 1 + q.shape[1], count)
 
-    def rest(self, half: FloatArray) -> FloatArray:
-        """Return a bound [B,F] of the distance from the tangents, at distances up to half [B,n]."""
+    def tangent_error(self, half: FloatArray) -> FloatArray:
+        """Return bounds [B,F] of the distance from the tangents in boxes of half width [B,n]."""
         count = half.shape[1]
         squares = (half[:, :, None] * half[:, None, :]).reshape(-1, count * count)
         return 0.5 * squares @ self.curvature.reshape(-1, count * count).T
 
     def bends(self, q: FloatArray, weights: FloatArray) -> FloatArray:
-        """Return second derivatives [B,n,n] of the sum of the first terms times weights [B,S]."""
+        """Return second derivatives [B,n,n] of the first S terms, summed with weights [B,S]."""
         assert self.second is not None
         return np.asarray(self.second(q, weights)).reshape(len(q), q.shape[1], q.shape[1])
 
-    def rest_of_bends(self, half: FloatArray) -> FloatArray:
-        """Return a bound [B,S] of the distance of the first terms from their Taylor polynomials of
-        the second degree.
+    def parabola_error(self, half: FloatArray) -> FloatArray:
+        """Return bounds [B,S] of the first S terms' distance from their second Taylor polynomial.
 
-        A wave's is at most ``A |nu . x|^3 / 6``, whose sum is at most the root of those of second
-        and fourth powers (Cauchy and Schwarz); in these the signs of nu cancel.
+        The distance of one wave is at most ``A |nu . x|^3 / 6``. By Cauchy and Schwarz,
+        ``sum A |nu . x|^3 <= sqrt(sum A (nu . x)^2  sum A (nu . x)^4)``. In these
+        even sums mixed products of nu have signs and may cancel, which |nu . x|^3 would not allow.
         """
         assert self.fourth is not None
         first, second = pairs(half.shape[1])
         products = half[:, first] * half[:, second] * np.where(first == second, 1.0, 2.0)
         powers = np.einsum("bp,spq,bq->bs", products, self.fourth, products, optimize=True)
-        return np.sqrt(2.0 * self.rest(half)[:, : len(self.fourth)] * powers) / 6.0
+        return np.sqrt(2.0 * self.tangent_error(half)[:, : len(self.fourth)] * powers) / 6.0
 
 
 def pairs(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the indices of the pairs j <= k of joints."""
+    """Return the indices j and k of all pairs j <= k of joints."""
     return np.triu_indices(count)
 
 
 @lru_cache(maxsize=32)
 def torque_terms(robot: Robot, low: tuple[float, ...], high: tuple[float, ...]) -> list[Terms]:
-    """Return the terms of every joint's torque: gravity, M_ij [n], C_ijk of the pairs j <= k.
+    """Return the terms of every joint's torque: g_i, M_ij for all j, C_ijk for all pairs j <= k.
 
-    ``low`` and ``high`` are the ends of the joints' positions, rad (m): prismatic ones stay between
-    them.
+    ``low`` and ``high`` bound the joint positions, rad (m). The bounds hold for every angle of a
+    revolute joint, but for a prismatic joint only between its ends.
     """
     count, chain, to_chain = robot.joint_count, robot.chain, robot.transmission
     first, second = pairs(count)
     waves = _Waves(robot, np.array(low), np.array(high))
-    # of all joints of the chain, then of those that move on their own
+    # The waves are those of all joints of the chain; the transmission T maps them to the actuated
+    # joints: M = T' M_chain T and g = T' g_chain.
     of_chain = waves.of(mass_matrix(chain), 2)
     square = of_chain.reshape(*of_chain.shape[:-1], chain.joint_count, -1)
     inertia = np.einsum("...kl,ki,lj->...ij", square, to_chain, to_chain)
@@ -111,6 +123,7 @@ def torque_terms(robot: Robot, low: tuple[float, ...], high: tuple[float, ...]) 
         for j in range(count):
             amplitudes.append(inertia[..., i, j])
             terms.append(matrix[i, j])
+        # Christoffel symbols: C_ijk = (dM_ij/dq_k + dM_ik/dq_j - dM_jk/dq_i) / 2.
         for j, k in zip(first.tolist(), second.tolist(), strict=True):
             changes = (inertia[..., i, j], k), (inertia[..., i, k], j), (-inertia[..., j, k], i)
             amplitudes.append(np.sum([0.5 * waves.slope(*change) for change in changes], axis=0))
@@ -126,7 +139,10 @@ def torque_terms(robot: Robot, low: tuple[float, ...], high: tuple[float, ...]) 
 
 
 def tool_terms(robot: Robot, frame: FloatArray, low: FloatArray, high: FloatArray) -> Terms:
-    """Return the tool's position in a frame [4,4], given in the base frame, as terms."""
+    """Return the coordinates of the tool's origin in a frame [4,4] as three terms.
+
+    The frame is given in the base frame; ``low`` and ``high`` bound the joint positions, rad (m).
+    """
 
     def place(arm: Robot, q: ca.SX) -> ca.SX:
         origin = forward_kinematics(arm)(q)[:3, 3]
@@ -151,7 +167,11 @@ def _with_slopes(terms: Sequence[Any], q: ca.SX) -> Callable[[FloatArray], Any]:
 
 
 class _Waves:
-    """Sums of plane waves in revolute and powers of prismatic joints of a chain."""
+    """Functions of a chain as plane waves in revolute and polynomials in prismatic joints.
+
+    A function is an array of complex amplitudes with one axis for each joint of the chain: over the
+    frequencies of a revolute joint, or over the powers 0 to 2 of a prismatic one.
+    """
 
     def __init__(self, robot: Robot, low: FloatArray, high: FloatArray) -> None:
         matrix, chain = robot.transmission, robot.chain
@@ -163,10 +183,14 @@ class _Waves:
         self._robot, self._factors = robot, dict[tuple[int, ...], FloatArray]()
 
     def of(self, function: ca.Function, degree: int) -> np.ndarray:
-        """Return amplitudes [..., F] of a function of the positions of all joints of the chain."""
+        """Return amplitudes [..., F] of a function of all joint positions of the chain.
+
+        Frequencies of revolute joints are ``degree`` at most.
+        """
+        # 2 degree + 1 equidistant samples determine frequencies -degree to degree exactly.
         sizes = np.where(self._revolute, 2 * degree + 1, 3)
         if degree == 2:
-            sizes[0] = 1  # nothing of the arm's inertia depends on its first joint
+            sizes[0] = 1  # The mass matrix does not depend on the position of the first joint.
         if sizes.prod() > MOST_WAVES:
             raise InputError(
                 f"robot {self._robot.name!r} has {sizes.size} joints in its chain: bounds of their "
@@ -190,7 +214,7 @@ class _Waves:
         return numbers
 
     def slope(self, numbers: np.ndarray, joint: int) -> np.ndarray:
-        """Return amplitudes of the slope in a joint that moves on its own."""
+        """Return amplitudes of the derivative with respect to an actuated joint."""
         total = np.zeros_like(numbers)
         for row in np.flatnonzero(self._matrix[:, joint]).tolist():
             if numbers.shape[row] == 1:
@@ -205,16 +229,18 @@ class _Waves:
         return total
 
     def bounds(self, numbers: np.ndarray) -> tuple[FloatArray, float]:
-        """Return bounds of the curvature [n,n] and the size of a sum of waves [...]."""
+        """Return bounds of the curvature [n,n] and of the absolute value of a sum of waves."""
         factors, amplitudes = self._slope_factors(numbers.shape), np.abs(numbers).ravel()
         mixed = np.abs((factors * amplitudes[:, None]).T @ factors)
         amplitude = float(amplitudes.sum())
-        dust = ROUNDING * amplitude
-        curvature = np.where(mixed > 1e-12 * amplitude, mixed * (1 + ROUNDING) + dust, 0.0)
+        rounding = ROUNDING * amplitude
+        # Entries below 1e-12 of the amplitude are rounding errors of zeros: Demand._margin covers
+        # them.
+        curvature = np.where(mixed > 1e-12 * amplitude, mixed * (1 + ROUNDING) + rounding, 0.0)
         return curvature, amplitude
 
     def fourth(self, numbers: np.ndarray) -> FloatArray:
-        """Return bounds [P,P] of the fourth derivatives of a sum of waves [...]."""
+        """Return bounds [P,P] of the fourth derivatives of a sum of waves, by pairs of joints."""
         factors, amplitudes = self._slope_factors(numbers.shape), np.abs(numbers).ravel()
         first, second = pairs(factors.shape[1])
         products = factors[:, first] * factors[:, second]
@@ -222,10 +248,10 @@ class _Waves:
         return bounds * (1 + ROUNDING)
 
     def _slope_factors(self, shape: tuple[int, ...]) -> FloatArray:
-        """Return factors [K,n] between every wave's amplitude and that of its slopes.
+        """Return factors [K,n] from the amplitude of each wave to those of its n slopes.
 
-        Of waves they have signs, so that products of two joints cancel. Of powers these are not
-        known, and all are taken as positive then.
+        Factors of waves are frequencies with their signs, so mixed products may cancel. The sign of
+        the slope of a power is unknown: with any prismatic joint all factors are made positive.
         """
         if shape not in self._factors:
             axes = [self._frequencies(size, row) for row, size in enumerate(shape)]

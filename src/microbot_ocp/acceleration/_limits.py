@@ -1,4 +1,4 @@
-"""Limits of acceleration for planners that know no torque."""
+"""Acceleration limits for planners that do not compute torques."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from microbot_ocp.acceleration._demand import Demand
 from microbot_ocp.acceleration._files import form_of, write
 from microbot_ocp.acceleration._forms import Terms, torque_terms
 from microbot_ocp.acceleration._rate import RateDemand
-from microbot_ocp.acceleration._region import Places, places
+from microbot_ocp.acceleration._region import PositionRegion, position_region
 from microbot_ocp.acceleration._search import (
-    Pool,
+    CriticalState,
+    KnownStates,
     Proof,
-    Worst,
-    drawn,
+    box_of_largest_product,
     largest_box,
-    of_largest_product,
-    proved,
+    prove,
+    sampled_states,
 )
 from microbot_ocp.limits import quantity_name
 from microbot_ocp.motion import Motion
@@ -40,17 +40,18 @@ MOST_BOXES = 20_000_000
 
 @dataclass(frozen=True, eq=False)
 class BreakingState:
-    """A state in which a joint needs all of its torque, and more with larger accelerations.
+    """State in which a joint needs all of its torque, and more at larger accelerations.
 
     Attributes
     ----------
     joint : str
+        Name of the joint that reaches its torque limit.
     q, qd, qdd : array [n]
-        rad, rad/s, rad/s^2 (m, ...).
+        Position, speed and acceleration of all joints, rad, rad/s, rad/s^2 (m, m/s, m/s^2).
     payload : float
-        kg.
+        Mass at the tool, kg.
     torque, limit : float
-        Needed, and allowed on that side, N m (N).
+        Torque that the joint needs and torque limit on that side, N m (N).
     """
 
     joint: str
@@ -64,31 +65,35 @@ class BreakingState:
 
 @dataclass(frozen=True, eq=False)
 class AccelerationLimits:
-    """The largest box of accelerations that is proved to need no more than the torques.
+    """Largest box of accelerations that is proved to keep every torque within its limit.
 
     Attributes
     ----------
     robot : Robot
+        Robot that the limits are for.
     status : Status
-        "solved" where the gap is as small as was asked for, "time limit" where the work ended
-        before: the box is proved all the same. "infeasible" where there is none.
+        "solved" if the gap is at most the given one; "time limit" if the work ended earlier, with a
+        box that is proved but smaller; "infeasible" if there is no box.
     qdd_max : array [n]
-        Proved: plus and minus, rad/s^2 (m/s^2); zero where there is no box.
+        Proved limits ``|qdd_i| <= qdd_max_i``, rad/s^2 (m/s^2); zero if there is no box.
     broken : array [n]
-        The same box, larger: a state is known that breaks it.
+        Multiple of the proved box at which ``state`` needs all of a torque, so that every larger
+        multiple exceeds it, rad/s^2 (m/s^2).
     state : BreakingState
-        That state.
+        State that uses up the torque of a joint with the accelerations ``broken``.
     payload : (float, float)
-        kg.
+        Least and largest mass at the tool, kg.
     speed : array [n]
         Largest speeds, rad/s (m/s).
     region : str
-        In words.
+        Description of the region of positions.
     boxes : int
-        Parts of the region and of the speeds that the proof looked at.
+        Number of boxes of positions and speeds that the proof evaluated.
     advice : str
+        Sentence with cause and remedy if the status is not "solved", otherwise empty.
     qddd_max, jerk_broken : array [n], optional
-        Jerks that are proved, and such that a state breaks, rad/s^3 (m/s^3).
+        Proved limits of the jerks, and the multiple of them at which a known state needs all of a
+        torque rate, rad/s^3 (m/s^3).
     """
 
     robot: Robot
@@ -106,21 +111,21 @@ class AccelerationLimits:
 
     @property
     def solved(self) -> bool:
-        """Whether the gap is as small as was asked for."""
+        """True if the gap is at most the given one."""
         return self.status.solved
 
     @property
     def gap(self) -> float:
-        """Share by which the proved box is smaller than one that is known to break torques."""
+        """Relative gap ``1 - qdd_max / broken`` between the proved and the broken box."""
         return _gap(self.qdd_max, self.broken)
 
     @property
     def jerk_gap(self) -> float:
-        """The same of jerks and torque rates; NaN without."""
+        """Relative gap ``1 - qddd_max / jerk_broken`` of the jerks; NaN without jerks."""
         return _gap(self.qddd_max, self.jerk_broken)
 
     def table(self) -> Table:
-        """Return speeds, and proved and breaking accelerations and jerks of every joint, SI."""
+        """Return a table of speed, proved and broken acceleration and jerk of every joint, SI."""
         values = {"speed": self.speed, "acceleration": self.qdd_max, "breaks": self.broken}
         if self.qddd_max is not None and self.jerk_broken is not None:
             values |= {"jerk": self.qddd_max, "jerk breaks": self.jerk_broken}
@@ -130,25 +135,28 @@ class AccelerationLimits:
 
     @property
     def limited(self) -> Robot:
-        """The robot with these limits of speed, acceleration and jerk, for planners of ours."""
+        """Robot with these limits of speed, acceleration and jerk, for our own planners."""
         changes = {"qd_max": self._usable.speed, "qdd_max": self.qdd_max, "qddd_max": self.qddd_max}
         return self.robot.with_limits(None, **changes)
 
     def export(self, path: str | Path, form: str | None = None) -> Path:
-        """Write the limits for another planner; return the path.
+        """Write the limits to a file for another planner; return its path.
 
         Parameters
         ----------
         path : str or Path
+            File to write.
         form : {"moveit", "curobo", "urdf"}, optional
-            MoveIt's ``joint_limits.yaml``; the part of a cuRobo robot file that holds them; URDF
-            1.2, whose limits have attributes of acceleration and jerk. Default by the ending: a
-            .urdf file, or MoveIt's. Speeds are those that the limits are proved for.
+            Format: ``joint_limits.yaml`` of MoveIt, the ``cspace`` part of a cuRobo robot file, or
+            URDF 1.2, which has attributes for limits of acceleration and jerk. Default: URDF if the
+            path ends in .urdf, otherwise MoveIt. The speed limits in files of MoveIt and URDF are
+            those of the proof.
 
         Raises
         ------
         InputError
-            Another form or ending; limits that allow no motion: none is proved, or only for rest.
+            Unknown format, an ending that does not fit the format, or limits that allow no motion:
+            no box is proved, or the largest speeds are zero.
 
         Examples
         --------
@@ -166,12 +174,12 @@ class AccelerationLimits:
         return write(path, form, self.robot, usable.speed, self.qdd_max, self.qddd_max, remark)
 
     def ruckig(self) -> Any:
-        """Return ``ruckig.InputParameter`` with these limits, for start and target to be filled in.
+        """Return a ``ruckig.InputParameter`` with these limits; the caller adds start and target.
 
         Raises
         ------
         InputError
-            ruckig is not installed, or as :meth:`export`.
+            Missing package ruckig, or limits that allow no motion.
         """
         given = needed("ruckig", "an input of ruckig needs").InputParameter(self.robot.joint_count)
         given.max_velocity = self._usable.speed.tolist()
@@ -182,7 +190,7 @@ class AccelerationLimits:
 
     @property
     def _usable(self) -> AccelerationLimits:
-        """Itself; refused where no motion is allowed."""
+        """Limits themselves; InputError if they allow no motion."""
         if not self.qdd_max.all():
             raise InputError(f"no box of accelerations is proved: {self.advice}")
         if self.qddd_max is not None and not self.qddd_max.all():
@@ -209,57 +217,59 @@ def acceleration_limits(
 ) -> AccelerationLimits:
     """Return the largest accelerations that torques allow in every state of a region.
 
-    Planners that know no torque (MoveIt, ruckig, Pilz, cuRobo) want one limit for each joint. The
-    answer is a box ``|qdd_i| <= a_i`` within which **no** position of the region, no speed up to
-    ``speed`` and no payload of the range needs more than the torques. It is proved by branch and
-    bound over positions and speeds, from bounds of the curvature of mass matrix, Coriolis
-    coefficients and gravity, widened by more than the errors of rounding. How much larger a box may
-    be is said too: ``broken`` is one that a known state breaks.
+    Planners that do not compute torques (MoveIt, ruckig, Pilz, cuRobo) need one acceleration limit
+    for each joint. The result is a box ``|qdd_i| <= a_i``: inside of it **no** position of the
+    region, no speed up to ``speed`` and no payload of the range needs more torque than a joint has.
+    By default the box has the largest product of the accelerations.
+
+    Branch and bound over positions and speeds proves the box. It uses bounds of the curvature of
+    mass matrix, Coriolis coefficients and gravity, with a margin above all rounding errors. The
+    result also holds a larger box, ``broken``, and a state that breaks it: the best possible box
+    lies between both.
 
     Parameters
     ----------
     robot : Robot
-        With masses and limits of all torques.
+        Robot with masses and with limits of all torques.
     payload : float or (float, float)
-        Point mass at the tool, kg, or the least and largest one. Torques are affine in it, so that
-        both ends suffice.
+        Point mass at the tool, or the least and the largest mass, kg. Torques are affine in the
+        mass, so a proof for both ends holds for all masses between them.
     region : optional
-        Where the arm moves: ``(lower, upper)`` positions of the joints, a :class:`Box` that the
-        tool's origin stays in, a motion or poses [N,n] of a path, one box of joint positions
-        between each pose and the next. Default the joint limits.
+        Positions that the arm may have: ``(lower, upper)`` joint positions, a :class:`Box` that
+        holds the tool's origin, or a path as a motion or as poses [N,n]. A path stands for the
+        boxes of joint positions between successive poses. Default: the joint limits.
     speed : float or array_like [n]
-        Largest speeds either way: a share of the velocity limits, above 0 to 1 or 0 for rest, or
-        one number a joint, rad/s (m/s).
+        Largest speeds in both directions, as a share of the velocity limits from 0 (rest) to 1, or
+        as one value for each joint, rad/s (m/s).
     coupled : float, optional
-        Bound of the root of the sum of the squares of the joints' speeds, each as a share of
-        ``speed``, above 0 to 1: with 1 one joint at its largest speed, or all at a part of theirs.
-        Default none: all may have their largest at once.
+        Largest value of ``sqrt(sum_j (qd_j / speed_j)^2)``, above 0 and at most 1. With 1, one
+        joint alone may have its largest speed. Default: all joints may have it at once.
     jerk : bool
-        Find limits of the jerks as well, from those of the torque rates, for the accelerations that
-        are proved. Coulomb friction, which steps at speed zero, has no rate here.
+        Compute limits of the jerks as well, for the proved accelerations, from the limits of the
+        torque rates. The rate of Coulomb friction, a step at speed zero, is left out.
     equal : bool
-        One acceleration for all joints, in place of the largest product.
+        Require one acceleration for all joints.
     ratios : array_like [n], optional
-        Ratios of the accelerations, in place of the largest product.
+        Required ratios of the accelerations.
     payload_center : array_like [3]
-        Where the payload is, in the tool frame, m.
+        Position of the payload in the tool frame, m.
     gap : float
-        Share by which the proved box may be smaller than one that is known to break torques.
+        Allowed relative gap between the proved and the broken box, above 0 and at most 1.
     work : float
-        Processor time after which the best box is returned that is proved by then, s.
+        Largest processor time, s. At its end the box that is proved so far is returned.
     seed : int
-        Of the states that are drawn to begin with.
+        Seed of the random states that the search starts with.
 
     Returns
     -------
     AccelerationLimits
-        Largest box that was proved, with one that a known state breaks.
+        Largest box that is proved, and a larger one that a known state breaks.
 
     Raises
     ------
     InputError
-        A robot without masses or with a joint without limits of torque, or of torque rate or
-        velocity where these are needed; a negative payload; a region outside of the joint limits.
+        A robot without masses; a joint without a limit of torque, or of velocity or torque rate if
+        it is needed; a negative payload; a region outside of the joint limits.
 
     Examples
     --------
@@ -275,14 +285,14 @@ def acceleration_limits(
         raise InputError("give jerk=True or coupled, not both: jerks are for speeds of a box")
     checks.number("gap", gap, above=0.0, at_most=1.0)
     checks.number("work", work, "s", above=0.0)
-    where = places(robot, region)
+    positions = position_region(robot, region)
     arms = _ends(robot, loads, payload_center)
     for key in ("tau", "taud")[: 1 + jerk]:
         _bounds(robot, key)
-    terms = _terms(arms, where)
+    terms = _terms(arms, positions)
     demands = _demands(arms, terms, speeds, radius)
-    box, proof = _largest(demands, where, shape, gap, work, seed)
-    worst = proof.pool.worst(box)
+    box, proof = _largest(demands, positions, shape, gap, work, seed)
+    worst = proof.known.worst(box)
     status, advice = Status.SOLVED, ""
     if worst.scale <= 0.0:
         status, advice = Status.INFEASIBLE, _why_none(arms, worst)
@@ -292,8 +302,8 @@ def acceleration_limits(
     rates: dict[str, FloatArray] = {}
     if jerk and qdd_max.any():
         demands = _rate_demands(arms, terms, speeds, qdd_max)
-        box, rate_proof = _largest(demands, where, shape, gap, work, seed)
-        worst_rate = rate_proof.pool.worst(box)
+        box, rate_proof = _largest(demands, positions, shape, gap, work, seed)
+        worst_rate = rate_proof.known.worst(box)
         rates = {
             "qddd_max": max(rate_proof.scale, 0.0) * box,
             "jerk_broken": max(worst_rate.scale, 0.0) * box,
@@ -317,35 +327,35 @@ def acceleration_limits(
         state=_state(arms, worst, broken),
         payload=loads,
         speed=speeds,
-        region=where.words,
+        region=positions.words,
         boxes=proof.count,
         advice=advice,
         **rates,
     )
 
 
-def _unfinished(proof: Proof, worst: Worst) -> str:
+def _unfinished(proof: Proof, worst: CriticalState) -> str:
     left = 100 * (1 - max(proof.scale, 0.0) / worst.scale)
     return f"the work ended at a gap of {left:.3g} %: give more, a smaller region or less speed"
 
 
 def _largest(
     demands: list[Demand],
-    where: Places,
+    positions: PositionRegion,
     shape: FloatArray | None,
     gap: float,
     work: float,
     seed: int,
 ) -> tuple[FloatArray, Proof]:
-    """Return the largest box that no known state breaks, and how far it is proved."""
+    """Return the largest box [n] that no known state breaks, and the proof of its scale."""
     rng = np.random.default_rng(seed)
     with deadline.within(np.inf, work):
-        pool = drawn(demands, where, rng)
-        box, pool = _box(pool, where, shape, rng)
-        if pool.worst(box).scale <= 0.0:
-            return box, Proof(0.0, pool, 0, False)
-        proof = proved(pool, box, where, gap, MOST_BOXES)
-    if proof.pool.worst(box).scale <= 0.0:  # a state that was met on the way
+        known = sampled_states(demands, positions, rng)
+        box, known = _box(known, positions, shape, rng)
+        if known.worst(box).scale <= 0.0:
+            return box, Proof(0.0, known, 0, False)
+        proof = prove(known, box, positions, gap, MOST_BOXES)
+    if proof.known.worst(box).scale <= 0.0:  # The proof itself may find such a state.
         proof = proof._replace(scale=0.0)
     return box, proof
 
@@ -367,9 +377,10 @@ def _loads(payload: Any) -> tuple[float, float]:
 
 
 def _ends(robot: Robot, loads: tuple[float, float], center: ArrayLike) -> dict[float, Robot]:
-    """Return the arm with the least and the largest payload, by payload.
+    """Return the arm with the least and with the largest payload, by payload.
 
-    What lies between needs torques between: they are affine in a mass, which is looked at here.
+    Torques are affine in the mass, so those of a mass in between lie in between. The function
+    checks this property at random states and raises RuntimeError if it fails.
     """
     low, high = loads
     arms = {load: robot.with_payload(load, center) for load in sorted({low, high})}
@@ -414,9 +425,9 @@ def _speeds(robot: Robot, speed: ArrayLike) -> FloatArray:
     return values
 
 
-def _terms(arms: dict[float, Robot], where: Places) -> dict[float, list[Terms]]:
-    """Return the terms of the torques of every joint in a region, by payload."""
-    ends = (where.boxes.low.min(axis=0), where.boxes.high.max(axis=0))
+def _terms(arms: dict[float, Robot], positions: PositionRegion) -> dict[float, list[Terms]]:
+    """Return the terms of every joint's torque, by payload, with bounds valid in a region."""
+    ends = (positions.boxes.low.min(axis=0), positions.boxes.high.max(axis=0))
     low, high = (tuple(end.tolist()) for end in ends)
     return {load: torque_terms(arm, low, high) for load, arm in arms.items()}
 
@@ -437,14 +448,14 @@ def _demands(
     speeds: FloatArray,
     radius: float | None,
 ) -> list[Demand]:
-    """Return the torques of every joint, on both sides, of arms by their payload."""
+    """Return the torque demands of every joint, towards both limits, for every payload."""
     demands = []
     for load, arm in arms.items():
         lower, upper = _bounds(arm, "tau")
         viscous, coulomb = (arm.friction_of(f"{kind}_friction") for kind in ("viscous", "coulomb"))
-        for k, of_joint in enumerate(terms[load]):
+        for k, joint_terms in enumerate(terms[load]):
             for side, limit in ((1.0, upper[k]), (-1.0, -lower[k])):
-                demand = of_joint, k, side, limit, speeds, viscous[k], coulomb[k], load
+                demand = joint_terms, k, side, limit, speeds, viscous[k], coulomb[k], load
                 ball = radius if speeds.any() else None
                 demands.append(Demand(*demand) if ball is None else CoupledDemand(*demand, ball))
     return demands
@@ -456,39 +467,42 @@ def _rate_demands(
     speeds: FloatArray,
     accelerations: FloatArray,
 ) -> list[Demand]:
-    """Return the torque rates of every joint of arms by their payload."""
+    """Return the torque rate demands of every joint for every payload."""
     demands = []
     for load, arm in arms.items():
         limit = np.minimum(*np.abs(_bounds(arm, "taud")))
         viscous = arm.friction_of("viscous_friction")
-        for k, of_joint in enumerate(terms[load]):
-            demand = of_joint, k, 1.0, limit[k], speeds, viscous[k], 0.0, load, accelerations
+        for k, joint_terms in enumerate(terms[load]):
+            demand = joint_terms, k, 1.0, limit[k], speeds, viscous[k], 0.0, load, accelerations
             demands.append(RateDemand(*demand))
     return demands
 
 
 def _box(
-    pool: Pool, where: Places, shape: FloatArray | None, rng: np.random.Generator
-) -> tuple[FloatArray, Pool]:
-    """Return the largest box of accelerations that no known state breaks, of a shape if given."""
-    count = len(pool.demands[0].speed)
-    moved = np.max([states.rows.max(axis=0) for states in pool.states], axis=0)
+    known: KnownStates,
+    positions: PositionRegion,
+    shape: FloatArray | None,
+    rng: np.random.Generator,
+) -> tuple[FloatArray, KnownStates]:
+    """Find the largest box [n] that no known state breaks, with ratios ``shape`` if given."""
+    count = len(known.demands[0].speed)
+    moved = np.max([states.rows.max(axis=0) for states in known.states], axis=0)
     if not moved.all():
         raise InputError(f"joint {int(moved.argmin()) + 1} moves no mass: no torque limits it")
-    room = min(float(states.room.min()) for states in pool.states)
+    room = min(float(states.room.min()) for states in known.states)
 
-    def of_shape(pool: Pool) -> FloatArray:
+    def of_shape(known: KnownStates) -> FloatArray:
         if shape is None:
-            return of_largest_product(pool, count)
-        return shape * pool.worst(shape).scale
+            return box_of_largest_product(known, count)
+        return shape * known.worst(shape).scale
 
-    if room <= 0.0:  # no accelerations at all
-        return np.ones(count), pool
-    return largest_box(pool, where, of_shape, rng)
+    if room <= 0.0:  # Gravity and speed use up a torque: the box is empty.
+        return np.ones(count), known
+    return largest_box(known, positions, of_shape, rng)
 
 
-def _why_none(arms: dict[float, Robot], worst: Worst) -> str:
-    """Return why there is no box: gravity or speed alone need more than the torque."""
+def _why_none(arms: dict[float, Robot], worst: CriticalState) -> str:
+    """Return the advice for an empty box: gravity or speed alone exceed a torque."""
     arm = arms[worst.demand.payload]
     none = np.zeros(arm.joint_count)
     state, at_rest = (_state(arms, worst, none, moving=moving) for moving in (True, False))
@@ -499,7 +513,8 @@ def _why_none(arms: dict[float, Robot], worst: Worst) -> str:
     if at_rest.torque >= state.limit:
         why, remedy = f"to hold the arm{held} alone takes {at_rest.torque:.4g}", lower
     else:
-        # forces of speeds fall with their square, friction by less: no more than this is possible
+        # If all speeds are scaled by s < 1, Coriolis torques fall with s^2 and friction falls less.
+        # This root is therefore an upper bound of s, and the advice says "less than".
         share = np.sqrt((state.limit - at_rest.torque) / (state.torque - at_rest.torque))
         why = f"the arm{held} takes {state.torque:.4g} without any acceleration"
         remedy = f"less than {share:.2g} of these speeds, {lower}"
@@ -510,9 +525,12 @@ def _why_none(arms: dict[float, Robot], worst: Worst) -> str:
 
 
 def _state(
-    arms: dict[float, Robot], worst: Worst, box: FloatArray, *, moving: bool = True
+    arms: dict[float, Robot], worst: CriticalState, box: FloatArray, *, moving: bool = True
 ) -> BreakingState:
-    """Return the state of a joint's largest torque, from inverse dynamics."""
+    """Return the state of a joint's largest torque, with the torque from inverse dynamics.
+
+    ``worst`` holds speeds for the upper limit; at the lower limit (side -1) all signs are reversed.
+    """
     demand, arm = worst.demand, arms[worst.demand.payload]
     q, shares = worst.states.q[worst.row], worst.states.shares[worst.row]
     count = q.size

@@ -1,4 +1,4 @@
-"""Accelerations that torque allows over payload and speed."""
+"""Map of the accelerations that torque allows, over payload and speed."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from microbot_ocp.robot import Robot
 
 @dataclass(frozen=True, eq=False)
 class AccelerationMap:
-    """One acceleration for all joints, for each of some payloads and speeds.
+    """Acceleration limits over a grid of payloads and speeds, one value for all joints.
 
     Attributes
     ----------
     payloads : array [P]
-        Largest ones, kg; every limit holds for less, too.
+        Largest payloads, kg; each limit holds for smaller payloads as well.
     speeds : array [S]
-        Shares of the velocity limits.
+        Largest speeds as shares of the velocity limits.
     limits : tuple of tuple of AccelerationLimits
-        By payload, then by speed.
+        Limits of every cell: ``limits[p][s]`` belongs to payload p and speed s.
     """
 
     payloads: FloatArray
@@ -36,24 +36,25 @@ class AccelerationMap:
 
     @property
     def qdd_max(self) -> FloatArray:
-        """Proved accelerations [P,S], rad/s^2 (m/s^2); zero where gravity or speed need all."""
+        """Proved accelerations [P,S], rad/s^2 (m/s^2); zero where no torque is left for any."""
         return np.array([[cell.qdd_max.min() for cell in row] for row in self.limits])
 
     @property
     def broken(self) -> FloatArray:
-        """Accelerations [P,S] that a known state breaks, rad/s^2 (m/s^2)."""
+        """Accelerations [P,S] at which a known state exceeds a torque, rad/s^2 (m/s^2)."""
         return np.array([[cell.broken.min() for cell in row] for row in self.limits])
 
     def table(self) -> Table:
-        """Return proved accelerations, a row for every payload and a column for every speed."""
+        """Return the proved accelerations, one row for each payload, one column for each speed."""
         heads = [f"{100 * share:.3g} % speed" for share in self.speeds]
         columns = [Column("payload", "kg", "g"), *(Column(h, "rad/s^2", ".3g") for h in heads)]
         rows = zip(self.payloads.tolist(), self.qdd_max.tolist(), strict=True)
         return Table(columns, [[load, *values] for load, values in rows])
 
     def plot(self, guess: float | None = None, axes: GivenAxes | None = None) -> DrawnAxes:
-        """Draw them over the speed, with a driver's guess, rad/s^2:
-        :func:`microbot_ocp.plots.acceleration_map`.
+        """Draw the accelerations over the speed with :func:`microbot_ocp.plots.acceleration_map`.
+
+        ``guess`` is the acceleration limit of a driver to compare with, rad/s^2.
         """
         return view_for(self, "plot")(self, guess, axes)
 
@@ -64,22 +65,23 @@ def acceleration_map(
     speeds: Sequence[float] = (0.0, 0.25, 0.5, 0.75, 1.0),
     **settings: Any,
 ) -> AccelerationMap:
-    """Return the equal accelerations that torque allows over payload and speed.
+    """Return the largest acceleration of all joints for each payload and speed.
 
     Parameters
     ----------
     robot : Robot
     payloads : sequence of float
-        kg, rising; each limit is for all payloads from zero on.
+        Largest payloads, kg, rising; each limit holds for all payloads from zero to it.
     speeds : sequence of float
-        Shares of the velocity limits, rising.
+        Largest speeds as shares of the velocity limits, rising.
     **settings
-        Others of :func:`microbot_ocp.acceleration_limits`, such as ``work`` for each.
+        Further arguments of :func:`microbot_ocp.acceleration_limits`; ``work`` holds for each cell.
 
     Raises
     ------
     InputError
-        As :func:`microbot_ocp.acceleration_limits`; nothing to look at.
+        Payloads or speeds that are empty or do not rise, and every error of
+        :func:`microbot_ocp.acceleration_limits`.
 
     Examples
     --------

@@ -1,10 +1,14 @@
-"""The torque rate that one joint needs at most, over boxes of positions.
+"""Largest torque rate of one joint over boxes of positions.
 
-The rate is linear in jerks, as the torque is in accelerations. All else in it are slopes of the
-terms of the torque, times speeds and accelerations: it is linear in the accelerations, and of the
-third degree in the speeds, whose largest value is at a corner once squares of a speed may be
-anything from zero to that of the corner. In a box of positions slopes differ from those in its
-middle by their curvature.
+``d tau_i/dt = sum_j M_ij qddd_j + 2 sum_jk C_ijk qd_j qdd_k + viscous qdd_i
++ sum_l qd_l d/dq_l (g_i + sum_j M_ij qdd_j + sum_jk C_ijk qd_j qd_k)``
+
+Jerks: the rate is linear in them, as the torque is in accelerations. Accelerations: the rate is
+linear in them too. Speeds: the rate is a polynomial of degree three. If each square qd_j^2 is
+replaced by a free value between zero and the largest one, the polynomial is linear in every
+variable, and its largest value over a box of speeds is at a corner.
+
+Positions: in a box the slopes of the terms differ from those in the middle by their curvature.
 """
 
 from __future__ import annotations
@@ -20,7 +24,7 @@ from microbot_ocp.acceleration._demand import Bounds, Boxes, Demand, States
 
 @dataclass(frozen=True, eq=False)
 class RateDemand(Demand):
-    """The torque rate of one joint, with one payload; the same on both sides of its limits.
+    """Torque rate of one joint with one payload, with equal limits on both sides.
 
     Attributes
     ----------
@@ -32,7 +36,7 @@ class RateDemand(Demand):
 
     @property
     def all_shares(self) -> tuple[FloatArray, FloatArray]:
-        """Ends [n] of the shares of speeds, which are not split."""
+        """Lower and upper ends [n] of the speed shares; the search does not split them."""
         share = np.where(self.speed > 0, 1.0, 0.0)
         return -share, share
 
@@ -40,20 +44,24 @@ class RateDemand(Demand):
         return [slice(begin, begin + 64) for begin in range(0, max(count, 1), 64)]
 
     def states_at(self, q: FloatArray) -> States:
-        """Return the worst speeds and accelerations at positions [B,n]."""
+        """Return the states [B] with the worst speeds and accelerations at positions [B,n]."""
         return States.joined([self._at(q[rows])[0] for rows in self._chunks(len(q))])
 
     @cached_property
     def _speeds(self) -> FloatArray:
-        """Speeds [V,n] at the corners."""
+        """Speeds [V,n] at the corners of the box of speeds, rad/s (m/s)."""
         return self._corners * self.speed
 
     def _at(self, q: FloatArray) -> tuple[States, FloatArray, FloatArray]:
-        """Return the states, the terms [B,1 + n,F], and bounds [B] over all speeds."""
+        """Return the worst corner of the speeds, the terms [B,1 + n,F], and bounds [B] of the rate.
+
+        A state's rate is exact at a corner; the bound holds for all speeds of the box.
+        """
         count, speeds = self.speed.size, self._speeds
         terms = self.terms.at(q)
         gravity, inertia = terms[:, 1:, 0], terms[:, 1:, 1 : 1 + count]
         form = terms[:, :, 1 + count :][:, :, self._square]
+        # Each acceleration takes the sign of its factor sum_j qd_j (dM_ik/dq_j + 2 C_ijk).
         paired = np.einsum("vj,bjk->bvk", speeds, inertia + 2.0 * form[:, 0], optimize=True)
         values = gravity @ speeds.T + np.abs(paired) @ self.acceleration
         values += self.viscous * self.acceleration[self.joint]
@@ -61,7 +69,9 @@ class RateDemand(Demand):
         squares = (speeds[:, :, None] * speeds[:, None, :]).reshape(-1, count * count)
         by_speed = (cubic @ squares.T).reshape(len(q), count, -1)
         values += np.einsum("blv,vl->bv", by_speed, speeds)
-        # without the square of a speed the terms that have it may be missed, if they are negative
+        # Terms with qd_j^2 are qd_j^2 sum_k (dC_ijj/dq_k + 2 dC_ijk/dq_j) qd_k, but the cube
+        # counts once: dC_ijj/dq_j qd_j^3. Where they are negative at a corner, the rate is larger
+        # with qd_j^2 = 0, so the bound leaves them out.
         each = np.arange(count)
         twice = np.swapaxes(form[:, 1:][:, :, each, each], 1, 2) + 2.0 * form[:, 1 + each, each]
         twice[:, each, each] /= 3.0
@@ -74,9 +84,10 @@ class RateDemand(Demand):
 
     @cached_property
     def _bending(self) -> FloatArray:
-        """How much all slopes together may change with each position [n], N m/s."""
+        """Bounds [n] of the rate's change with each position through curvature, N m/s per rad."""
         count = self.speed.size
-        roots = np.sqrt(np.einsum("fkk->fk", self.terms.curvature))  # a mixed one is their product
+        # |curvature_kl| <= sqrt(curvature_kk curvature_ll), by Cauchy and Schwarz.
+        roots = np.sqrt(np.einsum("fkk->fk", self.terms.curvature))
         sizes = np.concatenate([[1.0], self.acceleration, self._pairs(self.speed[None])[0]])
         return (sizes * (roots @ self.speed)) @ roots + np.zeros(count)
 
@@ -86,7 +97,9 @@ class RateDemand(Demand):
         half = half[:, :count]
         states, terms, largest = self._at(middle[:, :count])
         swing = half[:, :, None] * np.abs(terms[:, 1:])
-        rest = self.terms.rest(half)
+        rest = self.terms.tangent_error(half)
+        # Factors of C_ijk in 2 sum_jk C_ijk qd_j qdd_k: 2 (qd_j qdd_k + qd_k qdd_j) for j < k, and
+        # 2 qd_j qdd_j for j = k.
         products = 2.0 * np.outer(self.speed, self.acceleration)[*np.triu_indices(count)]
         products += 2.0 * np.outer(self.acceleration, self.speed)[*np.triu_indices(count)]
         products[np.equal(*np.triu_indices(count))] /= 2.0

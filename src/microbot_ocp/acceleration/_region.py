@@ -1,4 +1,4 @@
-"""The positions that count: boxes of joints, those that hold the tool in a box, poses of a path."""
+"""Regions of joint positions: a box of joints, a box for the tool, or the poses of a path."""
 
 from __future__ import annotations
 
@@ -16,12 +16,25 @@ from microbot_ocp.motion import Motion
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import Box
 
-MOST_POSES = 5000  # of a path: each is a box to begin with, for every joint, side and payload
+# Every pose of a path starts the search with one more box for each joint, side and payload.
+MOST_POSES = 5000
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
-    """Boxes [K,n] of joint positions, rad (m), and a box that the tool's origin is in."""
+class PositionRegion:
+    """Region of joint positions: a union of K boxes, optionally with a box for the tool's origin.
+
+    Attributes
+    ----------
+    boxes : Boxes
+        Lower and upper ends [K,n] of the joint positions, rad (m).
+    tool : Terms, optional
+        Coordinates of the tool's origin relative to the center of the tool's box, m.
+    tool_half : array_like [3]
+        Half the size of the tool's box, m.
+    words : str
+        Description of the region for messages.
+    """
 
     boxes: Boxes
     tool: Terms | None = None
@@ -29,35 +42,39 @@ class Places:
     words: str = "joint limits"
 
     def inside(self, q: FloatArray) -> np.ndarray:
-        """Return which positions [B] count of [B,n] in one of the boxes."""
+        """Return a mask [B] of the positions [B,n] that hold the tool's origin in its box."""
         if self.tool is None:
             return np.ones(len(q), dtype=bool)
         return np.all(np.abs(self.tool.at(q)[:, 0]) <= self.tool_half, axis=1)
 
     def across(self, low: FloatArray, high: FloatArray) -> tuple[np.ndarray, FloatArray]:
-        """Return which boxes [B] may hold a position that counts, and how much each joint [B,n]
-        moves the tool there across the border, in half widths of the tool's box.
+        """Return a mask [B] of boxes that may hold positions of the region, and weights [B,n].
+
+        A weight is the distance that a joint moves the tool within the box of positions, in half
+        widths of the tool's box, along axes on which the tool may cross the border.
         """
         if self.tool is None:
             return np.ones(len(low), dtype=bool), np.zeros_like(low)
         half, most = (high - low) / 2, np.asarray(self.tool_half)
         terms = self.tool.at((low + high) / 2)
         moved = half[:, :, None] * np.abs(terms[:, 1:])
-        swing, away = moved.sum(axis=1) + self.tool.rest(half), np.abs(terms[:, 0])
+        # Coordinates of the tool in a box of positions lie within ``away - swing`` and
+        # ``away + swing``.
+        swing, away = moved.sum(axis=1) + self.tool.tangent_error(half), np.abs(terms[:, 0])
         straddles = away + swing > most
         return np.all(away - swing <= most + 1e-9, axis=1), (
             moved * (straddles / most)[:, None]
         ).sum(axis=2)
 
 
-def places(robot: Robot, region: Any) -> Places:
-    """Return the region that a user means.
+def position_region(robot: Robot, region: Any) -> PositionRegion:
+    """Build the region from a user's argument ``region``.
 
     Raises
     ------
     InputError
-        Positions outside of the joint limits, a lower end above its upper one, joints without
-        limits, what is none of these.
+        Positions outside of the joint limits, a lower end above its upper one, a joint without
+        limits, a path of too many poses, or a tool box that no position reaches.
     """
     low, high = (bound.copy() for bound in robot.limits.bounds("q"))
     if isinstance(region, Motion):
@@ -81,7 +98,7 @@ def places(robot: Robot, region: Any) -> Places:
                 f"[{ends[0][k]:g}, {ends[1][k]:g}]"
             )
         (low, high), words = ends, "a box of joint positions"
-    turns = robot.whole_turns & (high - low > 2 * np.pi)  # all that is beyond recurs
+    turns = robot.whole_turns & (high - low > 2 * np.pi)  # One turn holds all positions.
     low, high = np.where(turns, -np.pi, low), np.where(turns, np.pi, high)
     for k in np.flatnonzero(~np.isfinite(low + high)):
         raise InputError(
@@ -90,9 +107,9 @@ def places(robot: Robot, region: Any) -> Places:
         )
     boxes = Boxes(low[None], high[None])
     if not isinstance(region, Box):
-        return Places(boxes, words=words)
+        return PositionRegion(boxes, words=words)
     tool = tool_terms(robot, region.pose, low, high)
-    found = Places(boxes, tool, region.size / 2, "a box of tool positions")
+    found = PositionRegion(boxes, tool, region.size / 2, "a box of tool positions")
     q = np.random.default_rng(0).uniform(low, high, (100_000, robot.joint_count))
     if not found.inside(q).any():
         raise InputError(
@@ -102,8 +119,8 @@ def places(robot: Robot, region: Any) -> Places:
     return found
 
 
-def _along(robot: Robot, poses: FloatArray, words: str) -> Places:
-    """Return the boxes between each pose [N,n] of a path and the next."""
+def _along(robot: Robot, poses: FloatArray, words: str) -> PositionRegion:
+    """Build the region of the boxes between successive poses [N,n] of a path."""
     low, high = robot.limits.bounds("q")
     if not 1 <= len(poses) <= MOST_POSES:
         raise InputError(f"region must have 1 to {MOST_POSES} poses, not {len(poses)}")
@@ -113,4 +130,4 @@ def _along(robot: Robot, poses: FloatArray, words: str) -> Places:
             f"[{low[k]:g}, {high[k]:g}] {robot.unit('q', int(k))}, not {poses[row, k]:g}"
         )
     before, after = (poses[:-1], poses[1:]) if len(poses) > 1 else (poses, poses)
-    return Places(Boxes(np.minimum(before, after), np.maximum(before, after)), words=words)
+    return PositionRegion(Boxes(np.minimum(before, after), np.maximum(before, after)), words=words)

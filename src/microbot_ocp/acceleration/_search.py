@@ -1,4 +1,8 @@
-"""The largest scale of a box of accelerations: states that break it, and a proof up to it."""
+"""Search for the largest box of accelerations, between an upper and a lower bound of its scale.
+
+A state at which a torque exceeds its limit bounds the scale of the box from above; random search
+finds such states. Branch and bound over positions and speeds proves a scale from below.
+"""
 
 from __future__ import annotations
 
@@ -11,19 +15,33 @@ import numpy as np
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.acceleration._demand import Boxes, Demand, States
-from microbot_ocp.acceleration._region import Places
+from microbot_ocp.acceleration._region import PositionRegion
 
-BATCH = 1000  # boxes that are split before the next ones are chosen
-DRAWN = 2000  # states drawn for every joint, side and payload
-KEPT, AROUND = 8, 24  # of them the worst are moved on: so many, to so many places each
-ROUNDS = 14  # each draws from two thirds of the width of the one before
-PLANES = 10  # for each joint, that are added at once
-RIVAL = 1.3  # a joint whose worst state is farther from its limit is not looked at again
+BATCH = 1000  # Boxes are split in batches: one call evaluates all halves.
+SAMPLES = 2000  # Each demand (joint, side and payload) starts with this many random states.
+# Local search keeps this many states and tries this many neighbours of each.
+BEST_STATES, NEIGHBOURS = 8, 24
+ROUNDS = 14  # Each round of local search narrows the neighbourhood to two thirds.
+PLANES = 10  # Each step of the product problem adds this many planes for each joint.
+# Local search skips demands with a scale above this multiple of the smallest one.
+SEARCH_RATIO = 1.3
 
 
 @dataclass(frozen=True, eq=False)
-class Worst:
-    """A state that breaks a box of accelerations once it is larger than ``scale`` of it."""
+class CriticalState:
+    """State that exceeds a torque once a box of accelerations is larger than ``scale`` times it.
+
+    Attributes
+    ----------
+    scale : float
+        Scale of the box at which the torque is used up.
+    demand : Demand
+        Torque demand that reaches its limit.
+    states : States
+        Known states of the demand.
+    row : int
+        Index of the state in ``states``.
+    """
 
     scale: float
     demand: Demand
@@ -32,33 +50,35 @@ class Worst:
 
 
 @dataclass(frozen=True, eq=False)
-class Pool:
-    """The worst states that are known, of every demand."""
+class KnownStates:
+    """Known states of every demand, each an upper bound of the box of accelerations."""
 
     demands: tuple[Demand, ...]
     states: tuple[States, ...]
 
-    def worst(self, box: FloatArray) -> Worst:
-        """Return the state that breaks this box of accelerations first."""
+    def worst(self, box: FloatArray) -> CriticalState:
+        """Return the state with the smallest scale of this box [n] of accelerations."""
         each = [states.scale(box) for states in self.states]
         k = int(np.argmin([scales.min(initial=np.inf) for scales in each]))
         row = int(each[k].argmin())
-        return Worst(float(each[k][row]), self.demands[k], self.states[k], row)
+        return CriticalState(float(each[k][row]), self.demands[k], self.states[k], row)
 
-    def with_states(self, index: int, states: States) -> Pool:
-        """Return the pool with further states of one demand."""
+    def with_states(self, index: int, states: States) -> KnownStates:
+        """Add states of one demand."""
         every = [*self.states]
         every[index] = States.joined([every[index], states])
-        return Pool(self.demands, tuple(every))
+        return KnownStates(self.demands, tuple(every))
 
 
-def drawn(demands: Sequence[Demand], region: Places, rng: np.random.Generator) -> Pool:
-    """Return states at random places of a region, the same for all demands."""
-    q = _random_places(region, DRAWN, rng)
-    return Pool(tuple(demands), tuple(demand.states_at(q) for demand in demands))
+def sampled_states(
+    demands: Sequence[Demand], region: PositionRegion, rng: np.random.Generator
+) -> KnownStates:
+    """Sample random positions of a region, and return the worst states there for all demands."""
+    q = _random_places(region, SAMPLES, rng)
+    return KnownStates(tuple(demands), tuple(demand.states_at(q) for demand in demands))
 
 
-def _random_places(region: Places, count: int, rng: np.random.Generator) -> FloatArray:
+def _random_places(region: PositionRegion, count: int, rng: np.random.Generator) -> FloatArray:
     low, high = region.boxes
     joints = low.shape[1]
     kept = np.empty((0, joints))
@@ -71,30 +91,32 @@ def _random_places(region: Places, count: int, rng: np.random.Generator) -> Floa
     return kept
 
 
-def attacked(pool: Pool, box: FloatArray, region: Places, rng: np.random.Generator) -> Pool:
-    """Return the pool with states that were moved to where this box of accelerations breaks."""
-    least = pool.worst(box).scale
-    for index, demand in enumerate(pool.demands):
-        scales = pool.states[index].scale(box)
-        if not scales.size or scales.min() > RIVAL * max(least, 0.0):
+def with_local_search(
+    known: KnownStates, box: FloatArray, region: PositionRegion, rng: np.random.Generator
+) -> KnownStates:
+    """Add states that a local random search finds, with smaller scales of this box [n]."""
+    least = known.worst(box).scale
+    for index, demand in enumerate(known.demands):
+        scales = known.states[index].scale(box)
+        if not scales.size or scales.min() > SEARCH_RATIO * max(least, 0.0):
             continue
-        best = pool.states[index].taken(np.argsort(scales)[:KEPT])
+        best = known.states[index].taken(np.argsort(scales)[:BEST_STATES])
         width = np.ptp(np.stack([region.boxes.low.min(axis=0), region.boxes.high.max(axis=0)]), 0)
         for halving in range(ROUNDS):
             step = 0.3 * width * (2 / 3) ** halving
-            q = np.repeat(best.q, AROUND, axis=0)
+            q = np.repeat(best.q, NEIGHBOURS, axis=0)
             q = q + step * rng.uniform(-1.0, 1.0, q.shape) * (rng.random(q.shape) < 0.5)
             q = _moved_inside(q, region)
             if len(q):
                 best = States.joined([best, demand.states_at(q)])
-            best = best.taken(np.argsort(best.scale(box))[:KEPT])
-        pool = pool.with_states(index, best)
+            best = best.taken(np.argsort(best.scale(box))[:BEST_STATES])
+        known = known.with_states(index, best)
         least = min(least, float(best.scale(box).min()))
-    return pool
+    return known
 
 
-def _moved_inside(q: FloatArray, region: Places) -> FloatArray:
-    """Return places in the nearest box of a region each, without those that do not count."""
+def _moved_inside(q: FloatArray, region: PositionRegion) -> FloatArray:
+    """Move positions [B,n] into the nearest box of a region; drop those with the tool outside."""
     if len(region.boxes.low) == 1:
         q = np.clip(q, region.boxes.low, region.boxes.high)
     else:
@@ -105,35 +127,40 @@ def _moved_inside(q: FloatArray, region: Places) -> FloatArray:
 
 
 class Proof(NamedTuple):
-    """How far a box of accelerations is proved.
+    """Proved scale of a box of accelerations.
 
     Attributes
     ----------
     scale : float
-        No state needs more than the torques with the accelerations times this.
-    pool : Pool
-        With the states that were met on the way.
+        Scale of the box within which no state of the region exceeds a torque.
+    known : KnownStates
+        Known states, with those found during the proof.
     count : int
-        Boxes of positions and speeds that were looked at.
+        Number of boxes of positions and speeds that the proof evaluated.
     done : bool
-        Whether the gap is reached.
+        True if the gap is as small as required.
     """
 
     scale: float
-    pool: Pool
+    known: KnownStates
     count: int
     done: bool
 
 
-def proved(pool: Pool, box: FloatArray, region: Places, gap: float, most: int) -> Proof:
-    """Return a scale of a box [n] of accelerations that no state breaks, by branch and bound.
+def prove(
+    known: KnownStates, box: FloatArray, region: PositionRegion, gap: float, most: int
+) -> Proof:
+    """Prove a scale of a box [n] of accelerations by branch and bound.
 
-    Boxes whose bound is lowest are split first, until the lowest is within ``gap`` of a scale that
-    a known state breaks, or ``most`` boxes were looked at.
+    Boxes of positions and speeds with the lowest bound are split first. The proof ends once the
+    lowest bound is within ``gap`` of the smallest scale of a known state, after ``most`` boxes, or
+    at the deadline.
     """
-    broken = pool.worst(box).scale
+    # Invariant: min(lowest bound of all fronts, settled) <= true scale <= broken. Settled is the
+    # lowest bound of the boxes that are good enough and no longer stored.
+    broken = known.worst(box).scale
     fronts = []
-    for demand in pool.demands:
+    for demand in known.demands:
         low, high = (np.tile(end, (len(region.boxes.low), 1)) for end in demand.all_shares)
         boxes = Boxes(np.hstack([region.boxes.low, low]), np.hstack([region.boxes.high, high]))
         bounds = demand.bounds(boxes, box, broken)
@@ -147,17 +174,18 @@ def proved(pool: Pool, box: FloatArray, region: Places, gap: float, most: int) -
         scale = min(lowest[index], settled)
         done = scale >= (1.0 - gap) * broken
         if done or count >= most or deadline.over():
-            return Proof(min(scale, broken), pool, count, done)
+            return Proof(min(scale, broken), known, count, done)
         halves, after, rest = _split(fronts[index])
-        demand = pool.demands[index]
+        demand = known.demands[index]
         keep, across = region.across(halves.low[:, : box.size], halves.high[:, : box.size])
         halves, after = halves.taken(keep), after[keep]
         count += len(keep)
         bounds = demand.bounds(halves, box, broken)
-        scales = np.maximum(bounds.scale, after)  # of a part it is no less than of the whole
+        # A bound of the whole box holds for both halves.
+        scales = np.maximum(bounds.scale, after)
         at = np.where(region.inside(bounds.states.q), bounds.states.scale(box), np.inf)
         if at.size and at.min() < broken:
-            pool = pool.with_states(index, bounds.states.taken(np.array([int(at.argmin())])))
+            known = known.with_states(index, bounds.states.taken(np.array([int(at.argmin())])))
             broken = float(at.min())
         weights = bounds.weights / demand.limit
         weights[:, : box.size] += across[keep]
@@ -175,7 +203,17 @@ Front = tuple[FloatArray, Boxes, FloatArray]
 
 
 def _split(front: Front) -> tuple[Boxes, FloatArray, Front]:
-    """Return both halves of the lowest boxes, the bounds of the wholes, and the other boxes."""
+    """Split the boxes with the lowest bounds along their coordinate of the largest weight.
+
+    Returns
+    -------
+    halves : Boxes
+        Lower halves, followed by the upper halves.
+    scales : array
+        Bound of the whole box for each half.
+    rest : Front
+        Boxes that were not split.
+    """
     scales, boxes, weights = front
     order = np.argpartition(scales, min(BATCH, scales.size) - 1)
     chosen, others = order[:BATCH], order[BATCH:]
@@ -190,40 +228,44 @@ def _split(front: Front) -> tuple[Boxes, FloatArray, Front]:
 
 
 def largest_box(
-    pool: Pool,
-    region: Places,
-    shape: Callable[[Pool], FloatArray],
+    known: KnownStates,
+    region: PositionRegion,
+    shape: Callable[[KnownStates], FloatArray],
     rng: np.random.Generator,
     *,
     rounds: int = 40,
     accuracy: float = 1e-3,
-) -> tuple[FloatArray, Pool]:
-    """Return the largest box [n] of accelerations that no known state breaks, by cutting planes.
+) -> tuple[FloatArray, KnownStates]:
+    """Find the largest box [n] of accelerations that no known state breaks, by cutting planes.
 
-    Every state is a plane that the box must stay below; states that break the largest box below all
-    planes are looked for and added, until there are none.
+    A state is a linear constraint ``rows . a <= room`` of the box a. Each round computes the
+    largest box under all constraints, and searches for states that violate it. The rounds end when
+    the search finds no violation above ``accuracy``.
     """
-    box = shape(pool)
+    box = shape(known)
     for _ in range(rounds):
-        pool = attacked(pool, box, region, rng)
-        worst = pool.worst(box).scale
+        known = with_local_search(known, box, region, rng)
+        worst = known.worst(box).scale
         if worst > 1.0 - accuracy or worst <= 0.0:
             break
-        box = shape(pool)
-    return box, pool
+        box = shape(known)
+    return box, known
 
 
-def of_largest_product(pool: Pool, count: int) -> FloatArray:
-    """Return the box [n] of accelerations with the largest product that no state of a pool breaks.
+def box_of_largest_product(known: KnownStates, count: int) -> FloatArray:
+    """Find the box a [n] with the largest product of accelerations that no known state breaks.
 
-    Each state is a plane; those that a first box breaks most are taken, until none is broken.
+    The constraints are ``rows . a <= room`` for all states. Only an active set enters the
+    optimisation; the most violated constraints join it until none is violated.
     """
-    planes = np.concatenate([states.rows / states.room[:, None] for states in pool.states])
+    planes = np.concatenate([states.rows / states.room[:, None] for states in known.states])
+    # Scaling every acceleration by its tightest constraint leaves the maximiser unchanged, because
+    # it multiplies the product by a constant.
     sizes = planes.max(axis=0)
     planes = planes / sizes
     box = np.full(count, 1.0 / count)
     active = np.zeros(len(planes), dtype=bool)
-    active[planes.argmax(axis=0)] = True  # each acceleration is bounded
+    active[planes.argmax(axis=0)] = True  # Each acceleration needs one constraint that bounds it.
     while True:
         active[np.argsort(-planes @ box)[: PLANES * count]] = True
         box = _product_below(planes[active])
@@ -232,7 +274,11 @@ def of_largest_product(pool: Pool, count: int) -> FloatArray:
 
 
 def _product_below(planes: FloatArray) -> FloatArray:
-    """Return the x > 0 with the largest product such that ``planes x <= 1``."""
+    """Find the x > 0 with the largest product such that ``planes x <= 1``.
+
+    Newton steps minimise ``-sum log x_j - weight sum log(1 - planes x)`` while the weight of the
+    barrier falls to zero.
+    """
     count = planes.shape[1]
     x = np.full(count, 0.5 / planes.sum(axis=1).max())
     weight = 1.0
