@@ -19,8 +19,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.layout._quantities import Quantity, cell_with
 from microbot_ocp.layout._slopes import slopes
 from microbot_ocp.ocp.solution import StepProgress
-from microbot_ocp.planning import rested_duration
-from microbot_ocp.robot import Robot
+from microbot_ocp.planning import Circle, rested_duration
 from microbot_ocp.scene import clearances, guiding_pairs, with_arm_capsules
 from microbot_ocp.tasks import Cell, CellFile
 
@@ -155,11 +154,10 @@ class Search:
 
     def look(self, values: FloatArray) -> tuple[Node, FloatArray]:
         """Return a node with its quick look, and the poses [N,n] of the arm on the way."""
-        cell = cell_with(self.cell, self.quantities, values)
+        cell = _seen_from(self.cell, cell_with(self.cell, self.quantities, values))
         task = cell.stops, cell.limits, cell.segments, cell.cycle, cell.scene
-        timed = _with_equal_torques(self.cell.robot, cell.robot)
         try:
-            estimate, poses = rested_duration(cell.robot, *task, timed)
+            estimate, poses = rested_duration(cell.robot, *task)
         except InputError as refusal:
             return Node(values, np.nan, str(refusal)), np.zeros((0, cell.robot.joint_count))
         return Node(values, estimate), poses
@@ -365,16 +363,40 @@ def solved_with(cell: CellFile, quantities: Sequence[Quantity], values: FloatArr
     return Solved(values, answer)
 
 
-def _with_equal_torques(first: Robot, moved: Robot) -> Robot | None:
-    """Return a robot with the torques of a moved one whose functions are likely there already.
+def _seen_from(first: CellFile, moved: CellFile) -> CellFile:
+    """Return a moved cell with its stops moved instead, if that is the same task for the arm.
 
-    A place changes no torque, nor does a turn about the vertical; limits of a user's own may depend
-    on the place.
+    The functions of the arm are there already. A place changes no torque, nor does a turn about the
+    vertical; boxes, velocities, obstacles and further limits may depend on the place.
     """
-    gravity = [robot.base[:3, :3].T @ robot.gravity for robot in (first, moved)]
-    if first.limits.also or not np.allclose(*gravity, rtol=0.0, atol=SAME):
-        return None
-    return replace(moved, base=first.base, capsules=first.capsules)
+    robot, arm = first.robot, moved.robot
+    gravity = [each.base[:3, :3].T @ each.gravity for each in (robot, arm)]
+    fixed = moved.scene is not None or arm.limits.also or moved.limits.also
+    fixed = fixed or replace(arm, base=robot.base, capsules=robot.capsules) != robot
+    fixed = fixed or any(
+        isinstance(s.tolerance, tuple) or isinstance(s.velocity, tuple) for s in moved.stops
+    )
+    if arm is robot or fixed or not np.allclose(*gravity, rtol=0.0, atol=SAME):
+        return moved
+    step = robot.base @ np.linalg.inv(arm.base)
+    turn = step[:3, :3]
+    stops = tuple(
+        stop
+        if stop.position is None
+        else replace(
+            stop,
+            position=turn @ stop.position + step[:3, 3],
+            orientation=None if stop.orientation is None else turn @ stop.orientation,
+        )
+        for stop in moved.stops
+    )
+    segments = moved.segments and tuple(
+        replace(kind, through=np.array(kind.through) @ turn.T + step[:3, 3])
+        if isinstance(kind, Circle)
+        else kind
+        for kind in moved.segments
+    )
+    return replace(moved, robot=robot, stops=stops, segments=segments)
 
 
 def _model_step(

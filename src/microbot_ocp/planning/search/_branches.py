@@ -562,7 +562,7 @@ def segment_timings(task: Task, way: Way, compiled: bool) -> tuple[PiecewisePoly
     )
 
 
-@lru_cache(maxsize=1024)
+@lru_cache(maxsize=256)  # each holds about 1 MB
 def _best_timing(
     robot: Robot, path_bytes: bytes, count: int, compiled: bool
 ) -> PiecewisePolynomial | None:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.limits import JointLimits, LimitFamily
+from microbot_ocp.limits import JointLimits
 from microbot_ocp.ocp.solution import quiet
 from microbot_ocp.planning.search._branches import segment_timings, ways_through
 from microbot_ocp.planning.search._orders import rest_duration_of
@@ -27,14 +26,13 @@ def rested_duration(
     segments: Sequence[Segment] | None,
     cycle: bool,
     scene: Scene | None,
-    timed: Robot | None = None,
 ) -> tuple[float, FloatArray]:
     """Return the time of the best branches from rest to rest, s, and their poses [N,n] on the way.
 
     The way is straight from pose to pose, or along tool lines, and through obstacles.
 
     Poses at the stops touch nothing. It is infinite where no such motion keeps the limits, though
-    others may. ``timed`` is a robot with equal torques, whose functions are there already.
+    others may.
 
     Raises
     ------
@@ -47,8 +45,6 @@ def rested_duration(
     task = request.task()
     clear = None if scene is None else [way for way, _ in LegPlanner(request).clear_ways(task)]
     ways = clear or ways_through(task)
-    if timed is not None:
-        task = replace(task, family=LimitFamily.of(timed, limits))
     durations = [
         [np.inf if shape is None else shape.duration for shape in segment_timings(task, way, True)]
         for way in ways
