@@ -76,7 +76,7 @@ class States(NamedTuple):
         return States(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
-class Bounds(NamedTuple):
+class ScaleBounds(NamedTuple):
     """Bounds over boxes of positions and speeds.
 
     Attributes
@@ -169,13 +169,15 @@ class Demand:
         parts = [self._at_corners(boxes.taken(rows))[0] for rows in self._chunks(len(q))]
         return States.joined(parts)
 
-    def bounds(self, boxes: Boxes, box: FloatArray, scale: float) -> Bounds:
+    def bounds(self, boxes: Boxes, box: FloatArray, scale: float) -> ScaleBounds:
         """Return bounds of the scale of a box [n] of accelerations, sharpest near ``scale``."""
         parts = [
             self._bounds(boxes.taken(rows), box, scale) for rows in self._chunks(len(boxes.low))
         ]
         scales, states, weights = zip(*parts, strict=True)
-        return Bounds(np.concatenate(scales), States.joined([*states]), np.concatenate(weights))
+        return ScaleBounds(
+            np.concatenate(scales), States.joined([*states]), np.concatenate(weights)
+        )
 
     def _chunks(self, count: int) -> list[slice]:
         size = max(16, CHUNK // (self.speed.size * len(self._corners)))
@@ -220,7 +222,7 @@ class Demand:
         speed = shares[:, self.joint] * self.speed[self.joint]
         return self.coulomb * np.tanh(speed / COULOMB_SMOOTHING)
 
-    def _bounds(self, boxes: Boxes, box: FloatArray, scale: float) -> Bounds:
+    def _bounds(self, boxes: Boxes, box: FloatArray, scale: float) -> ScaleBounds:
         count = self.speed.size
         states, (terms, values, slopes) = self._at_corners(boxes)
         half = (boxes.high[:, :count] - boxes.low[:, :count]) / 2
@@ -264,7 +266,7 @@ class Demand:
         turning = np.einsum("bj,bkj->bk", ~keeps * box, np.abs(terms[:, 1:, 1 : 1 + count]))
         weights = half * (steep + np.einsum("bkl,bl->bk", curvature, half) + 2 * scale * turning)
         across[:, :count] += weights
-        return Bounds(possible, states, across)
+        return ScaleBounds(possible, states, across)
 
     def _coriolis_excess(
         self, boxes: Boxes, terms: FloatArray, rest: FloatArray, swing: FloatArray

@@ -22,9 +22,9 @@ from microbot_ocp.acceleration._forms import Terms, torque_terms
 from microbot_ocp.acceleration._rate import RateDemand
 from microbot_ocp.acceleration._region import PositionRegion, position_region
 from microbot_ocp.acceleration._search import (
+    BoxProof,
     CriticalState,
     KnownStates,
-    Proof,
     box_of_largest_product,
     largest_box,
     prove,
@@ -334,7 +334,7 @@ def acceleration_limits(
     )
 
 
-def _unfinished(proof: Proof, worst: CriticalState) -> str:
+def _unfinished(proof: BoxProof, worst: CriticalState) -> str:
     left = 100 * (1 - max(proof.scale, 0.0) / worst.scale)
     return f"the work ended at a gap of {left:.3g} %: give more, a smaller region or less speed"
 
@@ -346,14 +346,14 @@ def _largest(
     gap: float,
     work: float,
     seed: int,
-) -> tuple[FloatArray, Proof]:
+) -> tuple[FloatArray, BoxProof]:
     """Return the largest box [n] that no known state breaks, and the proof of its scale."""
     rng = np.random.default_rng(seed)
     with deadline.within(np.inf, work):
         known = sampled_states(demands, positions, rng)
         box, known = _box(known, positions, shape, rng)
         if known.worst(box).scale <= 0.0:
-            return box, Proof(0.0, known, 0, False)
+            return box, BoxProof(0.0, known, 0, False)
         proof = prove(known, box, positions, gap, MOST_BOXES)
     if proof.known.worst(box).scale <= 0.0:  # The proof itself may find such a state.
         proof = proof._replace(scale=0.0)

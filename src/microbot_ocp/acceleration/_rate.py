@@ -19,7 +19,7 @@ from functools import cached_property
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.acceleration._demand import Bounds, Boxes, Demand, States
+from microbot_ocp.acceleration._demand import Boxes, Demand, ScaleBounds, States
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +91,7 @@ class RateDemand(Demand):
         sizes = np.concatenate([[1.0], self.acceleration, self._pairs(self.speed[None])[0]])
         return (sizes * (roots @ self.speed)) @ roots + np.zeros(count)
 
-    def _bounds(self, boxes: Boxes, box: FloatArray, scale: float) -> Bounds:
+    def _bounds(self, boxes: Boxes, box: FloatArray, scale: float) -> ScaleBounds:
         count = self.speed.size
         middle, half = (boxes.low + boxes.high) / 2, (boxes.high - boxes.low) / 2
         half = half[:, :count]
@@ -111,4 +111,4 @@ class RateDemand(Demand):
         inertia = (states.rows + moved[:, 1 : 1 + count]) @ box
         with np.errstate(divide="ignore"):
             possible = (self.limit - bound) / inertia
-        return Bounds(possible, states, np.hstack([weights, np.zeros_like(half)]))
+        return ScaleBounds(possible, states, np.hstack([weights, np.zeros_like(half)]))

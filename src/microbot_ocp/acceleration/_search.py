@@ -126,7 +126,7 @@ def _moved_inside(q: FloatArray, region: PositionRegion) -> FloatArray:
     return q[region.inside(q)]
 
 
-class Proof(NamedTuple):
+class BoxProof(NamedTuple):
     """Proved scale of a box of accelerations.
 
     Attributes
@@ -149,7 +149,7 @@ class Proof(NamedTuple):
 
 def prove(
     known: KnownStates, box: FloatArray, region: PositionRegion, gap: float, most: int
-) -> Proof:
+) -> BoxProof:
     """Prove a scale of a box [n] of accelerations by branch and bound.
 
     Boxes of positions and speeds with the lowest bound are split first. The proof ends once the
@@ -174,7 +174,7 @@ def prove(
         scale = min(lowest[index], settled)
         done = scale >= (1.0 - gap) * broken
         if done or count >= most or deadline.over():
-            return Proof(min(scale, broken), known, count, done)
+            return BoxProof(min(scale, broken), known, count, done)
         halves, after, rest = _split(fronts[index])
         demand = known.demands[index]
         keep, across = region.across(halves.low[:, : box.size], halves.high[:, : box.size])

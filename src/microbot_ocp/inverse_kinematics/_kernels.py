@@ -21,6 +21,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.fast_calls import FastCall, deferred_call
+from microbot_ocp._base.quasi_random import evenly_spread_step
 from microbot_ocp._base.threads import cached_in_thread
 from microbot_ocp.robot import Robot, forward_kinematics, jacobian, solve_symmetric
 
@@ -84,20 +85,6 @@ def reach(robot: Robot) -> float:
 def joint_scale(robot: Robot) -> FloatArray:
     """Return the unit of every joint [n]: a radian, or the reach for a prismatic joint."""
     return np.where(np.array(robot.joint_types) == "revolute", 1.0, reach(robot))
-
-
-@lru_cache(maxsize=16)
-def evenly_spread_step(dimensions: int) -> FloatArray:
-    """Return the step of an additive recurrence that fills the unit cube evenly (modulo 1).
-
-    The steps are powers of 1/x with the root x of x^(d+1) = x + 1, the golden ratio for d = 1.
-    """
-    root = 2.0
-    for _ in range(60):
-        root = (1.0 + root) ** (1.0 / (dimensions + 1))
-    step = root ** -np.arange(1.0, dimensions + 1)
-    step.setflags(write=False)
-    return step
 
 
 def _residual(

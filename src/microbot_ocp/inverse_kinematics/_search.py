@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.quasi_random import quasi_random
 from microbot_ocp.inverse_kinematics import _kernels as kernels
 from microbot_ocp.inverse_kinematics._result import read_only
 from microbot_ocp.robot import Robot
@@ -76,12 +77,6 @@ class BranchSet:
     q: FloatArray
     self_motion: np.ndarray
     reached: bool
-
-
-def quasi_random(count: int, dimensions: int, skip: int = 0) -> FloatArray:
-    """Return points [count, dimensions] that fill the unit cube evenly."""
-    places = np.arange(skip, skip + count)[:, None]
-    return (0.5 + places * kernels.evenly_spread_step(dimensions)) % 1.0
 
 
 @lru_cache(maxsize=64)

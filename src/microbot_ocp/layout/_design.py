@@ -18,7 +18,7 @@ from microbot_ocp._base.table import Column, Table
 from microbot_ocp._base.toml_text import toml_text
 from microbot_ocp._base.writing import made_folder, write_whole
 from microbot_ocp.layout._quantities import Quantity, cell_with, quantities_of
-from microbot_ocp.layout._search import DesignSettings, Node, Search, Solved, solved_with
+from microbot_ocp.layout._search import DesignSettings, LayoutSearch, Node, Solved, solved_with
 from microbot_ocp.layout._slopes import slopes
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import StepProgress, quiet
@@ -181,7 +181,7 @@ class Design:
         names = [row.get("name", f"stop {k + 1}") for k, row in enumerate(data["stop"])]
         for quantity in self.quantities:
             if quantity.kind == "stops":
-                row, stop = data["stop"][names.index(quantity.target)], None
+                row = data["stop"][names.index(quantity.target)]
                 stop = next(s for s in cell.stops if s.name == quantity.target)
                 row["position"] = list(stop.position)
                 if quantity.axis == "yaw":
@@ -286,7 +286,7 @@ def design(
     with naming(f"{cell.origin}: " if cell.source else ""):
         task_of(cell.robot, cell.stops, cell.limits, segments=cell.segments, cycle=cell.cycle)
         quantities = quantities_of(cell, free, bounds)
-        search = Search(cell, quantities, settings or DesignSettings(), progress or quiet)
+        search = LayoutSearch(cell, quantities, settings or DesignSettings(), progress or quiet)
         search.draw_map()
         search.refuse_without_effect()
     search.run()
@@ -384,7 +384,7 @@ def _flag(slope: float, ends: list[float], step: float, best: Solved, sides: lis
 
 
 def _branch(solved: Solved) -> Any:
-    """Return the order and the joint poses at the stops, to a tenth of a radian or metre."""
+    """Return the order and the joint poses at the stops, rounded to half a radian or metre."""
     if solved.cell is None:
         return None
     motion: Motion = solved.cell.motion

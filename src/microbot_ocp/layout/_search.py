@@ -16,11 +16,12 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.quasi_random import quasi_random
 from microbot_ocp.layout._quantities import Quantity, cell_with
 from microbot_ocp.layout._slopes import slopes
 from microbot_ocp.ocp.solution import StepProgress
 from microbot_ocp.planning import Circle, rested_duration
-from microbot_ocp.scene import clearances, guiding_pairs, with_arm_capsules
+from microbot_ocp.scene import clearances, guiding_pairs
 from microbot_ocp.tasks import Cell, CellFile
 
 NODES_A_LINE = 13  # a map of one quantity has so many
@@ -107,7 +108,7 @@ class Solved:
 
 
 @dataclass(eq=False)
-class Search:
+class LayoutSearch:
     """Quick looks and solves of a cell with other values of its free quantities.
 
     Attributes
@@ -125,6 +126,7 @@ class Search:
     progress: StepProgress
     nodes: list[Node] = field(default_factory=list)
     solved: list[Solved] = field(default_factory=list)
+    _looks: dict[bytes, tuple[Node, FloatArray]] = field(init=False, default_factory=dict)
 
     @property
     def start(self) -> FloatArray:
@@ -153,8 +155,17 @@ class Search:
     # the map --------------------------------------------------------------------------------------
 
     def look(self, values: FloatArray) -> tuple[Node, FloatArray]:
-        """Return a node with its quick look, and the poses [N,n] of the arm on the way."""
-        cell = _seen_from(self.cell, cell_with(self.cell, self.quantities, values))
+        """Return a node with its quick look, and the poses [N,n] of the arm on the way.
+
+        Known ones are returned again.
+        """
+        key = values.tobytes()
+        if key not in self._looks:
+            self._looks[key] = self._new_look(values)
+        return self._looks[key]
+
+    def _new_look(self, values: FloatArray) -> tuple[Node, FloatArray]:
+        cell = _as_moved_stops(self.cell, cell_with(self.cell, self.quantities, values))
         task = cell.stops, cell.limits, cell.segments, cell.cycle, cell.scene
         try:
             estimate, poses = rested_duration(cell.robot, *task)
@@ -195,7 +206,7 @@ class Search:
             line = NODES_A_LINE if count == 1 else int(np.sqrt(self.settings.nodes))
             shares = np.array(list(itertools.product(np.linspace(0.0, 1.0, line), repeat=count)))
         else:
-            shares = _spread(self.settings.nodes, count)
+            shares = quasi_random(self.settings.nodes, count, skip=1)
         return list(np.round(self.lower + self.size * shares, DECIMALS))
 
     def text(self, values: FloatArray) -> str:
@@ -243,9 +254,8 @@ class Search:
         cell = cell_with(self.cell, self.quantities, values)
         if cell.scene is None:
             return node.estimate, 0.0
-        robot = with_arm_capsules(cell.robot)
-        bare = cell.scene.without_parts_of(robot)
-        return node.estimate, float(clearances(robot, guiding_pairs(robot, bare), poses).min())
+        pairs = guiding_pairs(cell.robot, cell.scene.without_parts_of(cell.robot))
+        return node.estimate, float(clearances(cell.robot, pairs, poses).min())
 
     # solves ---------------------------------------------------------------------------------------
 
@@ -275,7 +285,7 @@ class Search:
         for solved in sorted([self.solved[0], *first], key=lambda solved: solved.period):
             self.descend(solved)
         while not self.over:
-            node = next(iter(self._promising(1, self._hoped)), None)
+            node = next(iter(self._promising(1, self._may_improve)), None)
             if node is None:
                 return
             before, solved = self.best.period, self.solve(node.values)
@@ -283,7 +293,7 @@ class Search:
                 self.descend(solved)
 
     def _promising(
-        self, count: int, hoped: Callable[[Node], bool] = lambda node: True
+        self, count: int, allowed: Callable[[Node], bool] = lambda node: True
     ) -> list[Node]:
         """Return the best nodes that are apart from each other and from all that was solved."""
         chosen: list[Node] = []
@@ -291,13 +301,13 @@ class Search:
         for node in sorted(self.nodes, key=lambda node: node.estimate):
             places = [solved.values for solved in self.solved] + [other.values for other in chosen]
             near = (np.abs((node.values - other) / self.size).max() for other in places)
-            if not node.refusal and hoped(node) and min(near, default=np.inf) > apart:
+            if not node.refusal and allowed(node) and min(near, default=np.inf) > apart:
                 chosen.append(node)
             if len(chosen) == count or len(chosen) + len(self.solved) >= self.settings.solves:
                 break
         return chosen
 
-    def _hoped(self, node: Node) -> bool:
+    def _may_improve(self, node: Node) -> bool:
         """Return True if a node may be better than the best."""
         ratios = [
             solved.period / other.estimate
@@ -312,7 +322,7 @@ class Search:
     def descend(self, here: Solved) -> None:
         """Take steps along the slopes until none gains, or a better motion is near."""
         settings, count = self.settings, len(self.quantities)
-        curvature, radius = np.eye(count) * 0.0, settings.radius
+        curvature, radius = np.zeros((count, count)), settings.radius
         slope = self.slope(here)
         while slope is not None and radius > settings.least_radius and not self.over:
             place = (here.values - self.lower) / self.size
@@ -330,10 +340,10 @@ class Search:
                 curvature = _updated(curvature, step, slope_there - slope)
             if gained > 0.0:
                 here, slope = other, slope_there
-                if len(self.solved) > 1 and self._elsewhere(here):
+                if len(self.solved) > 1 and self._is_beside_better(here):
                     return
 
-    def _elsewhere(self, here: Solved) -> bool:
+    def _is_beside_better(self, here: Solved) -> bool:
         """Return True if a better motion with nearly these values is known from another descent."""
         near = (
             np.abs((here.values - other.values) / self.size).max() < 0.5 * self.settings.radius
@@ -363,7 +373,7 @@ def solved_with(cell: CellFile, quantities: Sequence[Quantity], values: FloatArr
     return Solved(values, answer)
 
 
-def _seen_from(first: CellFile, moved: CellFile) -> CellFile:
+def _as_moved_stops(first: CellFile, moved: CellFile) -> CellFile:
     """Return a moved cell with its stops moved instead, if that is the same task for the arm.
 
     The functions of the arm are there already. A place changes no torque, nor does a turn about the
@@ -403,7 +413,6 @@ def _model_step(
     place: FloatArray, slope: FloatArray, curvature: FloatArray, radius: float
 ) -> tuple[FloatArray, float]:
     """Return the best step [d] of a quadratic model within a trust region, and its gain, s."""
-
     low, high = np.maximum(-radius, -place), np.minimum(radius, 1.0 - place)
     pace = 1.0 / max(float(np.linalg.norm(curvature, 2)), SAME)
     gains = []
@@ -413,19 +422,6 @@ def _model_step(
         gains.append((float(-slope @ step - 0.5 * step @ curvature @ step), step))
     gain, step = max(gains, key=lambda pair: pair[0])
     return step, gain
-
-
-def _spread(number: int, count: int) -> FloatArray:
-    """Return points [number,count] in the unit cube, spread evenly.
-
-    Their steps are powers of the root of x^(count+1) = x + 1, as of the golden section: Roberts,
-    "The unreasonable effectiveness of quasirandom sequences", 2018.
-    """
-    root = 2.0
-    for _ in range(100):
-        root = (1.0 + root) ** (1.0 / (count + 1))
-    steps = root ** -np.arange(1.0, count + 1)
-    return (0.5 + np.arange(1, number + 1)[:, None] * steps) % 1.0
 
 
 def _updated(curvature: FloatArray, step: FloatArray, change: FloatArray) -> FloatArray:

@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.needed import needed
+from microbot_ocp._base.quasi_random import evenly_spread_step
 from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot._shapes import ROLES, Capsule, Role, Shape, read_mesh
 from microbot_ocp.robot._transforms import dh_transform
@@ -366,8 +367,7 @@ class _LinkFit:
         whole = enclosing_capsule(surface.points)
         ends = np.array([whole.start, whole.end])
         low, high = ends.min(axis=0) - whole.radius, ends.max(axis=0) + whole.radius
-        # Roberts (2018): an additive recurrence whose points fill a cube evenly.
-        steps = 1.2207440846057596 ** -np.arange(1.0, 4.0)
+        steps = evenly_spread_step(3)
         self.samples = low + (high - low) * (np.outer(np.arange(CAPSULE_FIT.samples), steps) % 1.0)
         self.solid = self._distance(self.samples) <= 0.0
 
