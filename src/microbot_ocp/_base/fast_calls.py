@@ -238,10 +238,10 @@ def rows_in_place(function: ca.Function) -> Callable[[int], RowsInPlace]:
     def mapped(rows: int) -> RowsInPlace:
         inputs = [np.zeros((rows, size)) for size in sizes]
         outputs = [np.zeros((rows, height)) for height, _ in shapes]
-        many = buffered_call(function.map(rows))
+        many = _many_rows(function, by_table=False)
 
         def run() -> None:
-            answers = many(*(array.T for array in inputs))
+            answers = many(rows, inputs)
             answers = answers if isinstance(answers, tuple) else (answers,)
             for output, answer in zip(outputs, answers, strict=True):
                 output[...] = answer.T

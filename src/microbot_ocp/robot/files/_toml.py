@@ -15,7 +15,6 @@ bounds may be ``[lower, upper]``. The table ``[limits]`` holds further limits, s
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import replace
 from functools import partial
@@ -38,6 +37,7 @@ from microbot_ocp._base.schema import (
     parsed,
     read_table,
 )
+from microbot_ocp._base.toml_text import toml_value
 from microbot_ocp.limits import JOINT_QUANTITIES, Limit, Limits
 from microbot_ocp.robot._links import Link, Rotor
 from microbot_ocp.robot._model import Robot
@@ -231,21 +231,20 @@ def robot_to_toml(robot: Robot) -> str:
     Every number has the fewest digits from which reading restores it. Data that a robot does not
     hold, such as the sources of a packaged file, are lost.
     """
-    lines = [f"name = {_text(robot.name)}"]
+    lines = [f"name = {toml_value(robot.name)}"]
     if robot.description:
-        lines.append(f"description = {_text(robot.description)}")
-    lines += ['convention = "modified"', f"gravity = {robot.gravity.tolist()}"]
+        lines.append(f"description = {toml_value(robot.description)}")
+    lines += ['convention = "modified"', f"gravity = {toml_value(robot.gravity.tolist())}"]
     if robot.disabled_pairs is not None:
-        rows = (f"  [{_text(first)}, {_text(second)}]," for first, second in robot.disabled_pairs)
+        rows = (f"  {toml_value([*pair])}," for pair in robot.disabled_pairs)
         lines += ["disabled_pairs = [", *rows, "]"]
     chain = robot.chain
     for joint, name in enumerate(chain.joint_names):
-        lines += ["", "[[joint]]", f"name = {_text(name)}"]
-        lines.append(f"type = {_text(chain.joint_types[joint])}")
+        lines += ["", "[[joint]]", f"name = {toml_value(name)}"]
+        lines.append(f"type = {toml_value(chain.joint_types[joint])}")
         if name in robot.mimic:
-            driver, factor, offset = robot.mimic[name]
-            text = f"joint = {_text(driver)}, factor = {factor!r}, offset = {offset!r}"
-            lines.append(f"mimic = {{ {text} }}")
+            followed = dict(zip(MIMIC, robot.mimic[name], strict=True))
+            lines.append(f"mimic = {toml_value(followed)}")
         lines += [f"{key} = {float(getattr(robot, key)[joint])!r}" for key in GEOMETRY]
         if robot.beta[joint]:
             lines.append(f"beta = {float(robot.beta[joint])!r}")
@@ -256,22 +255,18 @@ def robot_to_toml(robot: Robot) -> str:
     if robot.limits.also:
         from microbot_ocp.limits import limits_to_table
 
-        further = limits_to_table(robot.limits.also)
-        lines += ["", "[limits]", *(f"{key} = {value!r}" for key, value in further.items())]
+        further = limits_to_table(robot.limits.also).items()
+        lines += ["", "[limits]", *(f"{key} = {toml_value(value)}" for key, value in further)]
     for name, matrix in (("tool", robot.tool), ("base", robot.base)):
         if not np.array_equal(matrix, np.eye(4)) or np.signbit(matrix).any():
-            lines += ["", f"[{name}]", f"matrix = {matrix.tolist()}"]
+            lines += ["", f"[{name}]", f"matrix = {toml_value(matrix.tolist())}"]
     if robot.named_poses:
-        poses = (f"{_text(name)} = {q.tolist()}" for name, q in robot.named_poses.items())
-        lines += ["", "[named_poses]", *poses]
+        poses = robot.named_poses.items()
+        rows = (f"{toml_value(name)} = {toml_value(q.tolist())}" for name, q in poses)
+        lines += ["", "[named_poses]", *rows]
     for shape in robot.shapes:
         lines += ["", "[[shape]]", *_lines(shape, *SHAPE)]
     return "\n".join(lines) + "\n"
-
-
-def _text(value: str) -> str:
-    # A JSON string is a TOML basic string, except that TOML requires an escape for DEL.
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _lines(item: Any, *keys: str) -> list[str]:
@@ -288,8 +283,8 @@ def _value(value: Any) -> str:
     if isinstance(value, Rotor):
         return f"{{ {', '.join(_lines(value, *ROTOR))} }}"
     if isinstance(value, np.ndarray | tuple):
-        return str(np.asarray(value).tolist())
-    return _text(value) if isinstance(value, str) else repr(value).lower()
+        return toml_value(np.asarray(value).tolist())
+    return toml_value(value)
 
 
 def _bound_line(robot: Robot, key: str, joint: int) -> list[str]:
@@ -301,4 +296,4 @@ def _bound_line(robot: Robot, key: str, joint: int) -> list[str]:
     if (lower, upper) == (-math.inf, math.inf):
         return []
     same = lower == -upper and math.copysign(1.0, lower) == math.copysign(1.0, -upper)
-    return [f"{key} = {upper!r}" if same else f"{key} = [{lower!r}, {upper!r}]"]
+    return [f"{key} = {toml_value(upper if same else [lower, upper])}"]
