@@ -30,23 +30,11 @@ def following_lines(problem: OptimalControlProblem, guesses: Guesses) -> dict[st
 
 
 def _followed(phase: Phase, guess: Guess) -> Guess:
-    ends = [s for s in phase.states if s.initial is not None and s.final is not None]
     free: list[Variable] = [*phase.controls, *phase.algebraics]
     free += [s for s in phase.states if s.initial is None or s.final is None]
     duration, shares = float(guess.duration or 1.0), np.linspace(0.0, 1.0, POINTS)
     tables = {v.name: sampled(guess.values.get(v.name), v, shares) for v in phase.variables}
-    equations = [
-        (phase.derivatives[s.name] - ca.DM(tables[s.name][-1] - tables[s.name][0]) / duration)
-        * duration
-        / ca.DM(s.scale)
-        for s in ends
-    ]
-    equations += [
-        (limit.expression - ca.DM(limit.lower)) / ca.DM(limit.scale)
-        for limit in phase.constraints
-        if (limit.lower == limit.upper).all()
-    ]
-    missed = ca.vertcat(*equations, *phase.algebraic_equations, ca.MX(0, 1))
+    missed = _line_equations(phase, tables, duration)
     symbols = ca.vertcat(*(v.symbol for v in free), ca.MX(0, 1))
     if not ca.depends_on(missed, symbols):
         return guess
@@ -78,12 +66,33 @@ def _followed(phase: Phase, guess: Guess) -> Guess:
         step = -scale * np.einsum("kij,kj->ki", inverse, left)
         for share in STEP_LENGTHS:  # each point takes the longest step that reduces its residual
             tried = np.clip(x + share * step, lower, upper)
-            there, _ = looked(tried)
-            nearer = np.linalg.norm(there, axis=1) < np.linalg.norm(left, axis=1)
-            x = np.where(nearer[:, None], tried, x)
-            left, jacobian = looked(x)
-            step = np.where(nearer[:, None], 0.0, step)
+            there, jacobian_there = looked(tried)
+            nearer = (np.linalg.norm(there, axis=1) < np.linalg.norm(left, axis=1))[:, None]
+            x, left = np.where(nearer, tried, x), np.where(nearer, there, left)
+            jacobian = np.where(nearer[:, None], jacobian_there, jacobian)
+            step = np.where(nearer, 0.0, step)
     return guess.with_values({k: partial(_along, t) for k, t in parts_of(free, x).items()})
+
+
+def _line_equations(phase: Phase, tables: dict[str, FloatArray], duration: float) -> ca.MX:
+    """Return the left side of the equations of a point, which is zero on the lines.
+
+    The equations are the slopes of the lines of states with conditions at both ends, equality
+    constraints, and algebraic equations.
+    """
+    equations = [
+        (phase.derivatives[s.name] - ca.DM(tables[s.name][-1] - tables[s.name][0]) / duration)
+        * duration
+        / ca.DM(s.scale)
+        for s in phase.states
+        if s.initial is not None and s.final is not None
+    ]
+    equations += [
+        (limit.expression - ca.DM(limit.lower)) / ca.DM(limit.scale)
+        for limit in phase.constraints
+        if (limit.lower == limit.upper).all()
+    ]
+    return ca.vertcat(*equations, *phase.algebraic_equations, ca.MX(0, 1))
 
 
 def _along(table: FloatArray, s: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -36,6 +36,7 @@ from microbot_ocp.robot import Robot, drive_advice
 KEYS = {quantity.name: key for key, quantity in JOINT_QUANTITIES.items()}
 DISTANCE = "distance"  # the limit that a search among obstacles adds
 DIGITS = 8  # significant digits of the numbers stored with every motion
+RowsOverTime = dict[str, dict[float, FloatArray]]  # slopes [k] by the key of a limit and the time
 
 
 def one_remark(*remarks: str) -> str:
@@ -189,61 +190,103 @@ def multipliers_of(
     """
     if solution.variable_multipliers is None or any(p.layout is None for p in solution.phases):
         return None
+    found = _slopes_of(solution, family, None if task is None else task.families)
+    count = solution.phases[0]["q"].shape[1]
+    via = [[found.via[k].get(j, 0.0) for j in range(count)] for k in sorted(found.via)]
+    return {
+        **_plain(found.sides),
+        "via": _plain(np.array(via)),
+        "beside": 5 * abs(solution.cost - found.duration) + abs(solution.gap.slack),
+        "rows": _over_time(found.rows),
+        **({} if task is None else _multipliers_of_stops(found, task)),
+    }
+
+
+class _Slopes(NamedTuple):
+    """Slopes of the duration by the bounds of a program, s per unit.
+
+    Attributes
+    ----------
+    sides : dict
+        Sums of the slopes of each limit, by "lower" or "upper" and the key of the limit.
+    via : dict
+        Slopes of the via points, by the number of the via point and the joint.
+    rows : dict
+        Slopes of the limits of the family, times since the start of the motion.
+    segments : list of dict
+        Slopes of the limits of every segment, times since its start.
+    stops : list of dict
+        Slopes of the conditions of every stop by their names.
+    duration : float
+        Sum of the durations of all phases, s.
+    """
+
+    sides: dict[str, dict[str, FloatArray]]
+    via: dict[int, dict[int, float]]
+    rows: RowsOverTime
+    segments: list[RowsOverTime]
+    stops: list[dict[str, FloatArray]]
+    duration: float
+
+
+def _slopes_of(
+    solution: Solution, family: LimitFamily, families: Sequence[LimitFamily] | None
+) -> _Slopes:
+    """Return the slopes by the bounds of a program; ``families`` are those of its segments."""
     sides: dict[str, dict[str, FloatArray]] = {"lower": {}, "upper": {}}
     via: dict[int, dict[int, float]] = defaultdict(dict)
-    rows: dict[str, dict[float, FloatArray]] = defaultdict(dict)
-    start = 0.0
-    families = [family] * len(solution.phases) if task is None else task.families
-    segments: list[dict[str, dict[float, FloatArray]]] = []
+    rows: RowsOverTime = defaultdict(dict)
+    segments: list[RowsOverTime] = [defaultdict(dict) for _ in solution.phases]
     stops: list[dict[str, FloatArray]] = [{} for _ in range(len(solution.phases) + 1)]
+    start = 0.0
     for number, phase in enumerate(solution.phases):
-        segments.append(defaultdict(dict))
+        own = family if families is None else families[number]
         for entry, times, multipliers in _bounds(solution, phase):
             # A limit whose bounds vary is named by its side, such as "tool speed, upper limit".
             name, _, side = entry.name.partition(", ")
             key = KEYS.get(name, name.replace(" ", "_"))
             slopes = (-1.0 if side.startswith("lower") else 1.0) * multipliers / entry.scale
+            at = number + (entry.kind in ("final", "end"))
             if entry.kind in ("initial", "final"):
                 if key == "q":
-                    at = number + (entry.kind == "final")
                     via[at][entry.component] = -float(slopes.sum())
                 continue
             if entry.kind in ("point", "end"):
-                at = stops[number + (entry.kind == "end")]
-                at.setdefault(entry.name, np.zeros(entry.size))[entry.component] += slopes.sum()
+                amounts = stops[at].setdefault(entry.name, np.zeros(entry.size))
+                amounts[entry.component] += slopes.sum()
                 continue
-            if key in families[number] and key not in MotionSamples._fields:
-                for t, slope in zip(times.tolist(), slopes, strict=True):
-                    row = segments[-1][key].setdefault(t, np.zeros(entry.size))
-                    row[entry.component] += slope
+            of_joints = key in MotionSamples._fields  # bounds of joints have a total slope alone
+            if key in own and not of_joints:
+                _add_over_time(segments[number], key, entry, times, slopes)
             if key not in family:
                 continue
             for side, sign in (("lower", -1.0), ("upper", 1.0)):
                 amounts = sides[side].setdefault(key, np.zeros(entry.size))
                 amounts[entry.component] -= slopes[sign * slopes > 0].sum()
-            if key in MotionSamples._fields:  # bounds of joints have a total slope alone
-                continue
-            for t, slope in zip((start + times).tolist(), slopes, strict=True):
-                rows[key].setdefault(t, np.zeros(entry.size))[entry.component] += slope
+            if not of_joints:
+                _add_over_time(rows, key, entry, start + times, slopes)
         start += phase.duration
-    count = solution.phases[0]["q"].shape[1]
-    points = np.array([[via[k].get(j, 0.0) for j in range(count)] for k in sorted(via)])
-    prices: dict[str, Any] = {
-        **_plain(sides),
-        "via": _plain(points),
-        "beside": 5 * abs(solution.cost - start) + abs(solution.gap.slack),
-        "rows": _over_time(rows),
-    }
-    if task is not None:
-        prices["segments"] = [_over_time(segment) for segment in segments]
-        prices["stops"] = [_plain(conditions) for conditions in stops]
-        for k, segment in enumerate(prices["segments"]):
-            if DISTANCE in segment:
-                segment[DISTANCE]["pairs"] = task.around.pairs(k)
-    return prices
+    return _Slopes(sides, via, rows, segments, stops, start)
 
 
-def _over_time(rows: dict[str, dict[float, FloatArray]]) -> dict[str, Any]:
+def _add_over_time(
+    rows: RowsOverTime, key: str, entry: TableEntry, times: FloatArray, slopes: FloatArray
+) -> None:
+    """Add the slopes [M] of one component of a limit at times [M], s."""
+    for t, slope in zip(times.tolist(), slopes, strict=True):
+        rows[key].setdefault(t, np.zeros(entry.size))[entry.component] += slope
+
+
+def _multipliers_of_stops(found: _Slopes, task: Task) -> dict[str, Any]:
+    """Return the slopes by the limits of segments and the conditions of stops, as plain values."""
+    segments = list(map(_over_time, found.segments))
+    for k, segment in enumerate(segments):
+        if DISTANCE in segment:
+            segment[DISTANCE]["pairs"] = task.around.pairs(k)
+    return {"segments": segments, "stops": [_plain(conditions) for conditions in found.stops]}
+
+
+def _over_time(rows: RowsOverTime) -> dict[str, Any]:
     """Return times and slopes [K][k] of each limit, as plain values."""
     return {
         key: {"t": sorted(row), "slopes": _plain(np.array([row[t] for t in sorted(row)]))}
