@@ -96,7 +96,12 @@ def climbed(found: mo.AccelerationLimits, load: float, starts: int) -> float:
 
 @pytest.mark.parametrize(
     "robot",
-    [mo.load_robot("planar_3r"), mo.load_robot("stanford"), telescope(), turned("puma560")],
+    [
+        mo.load_robot("planar_3r"),
+        mo.load_robot("stanford"),
+        telescope(),
+        pytest.param(turned("puma560"), marks=pytest.mark.thorough),
+    ],
     ids=lambda robot: robot.name,
 )
 def test_no_term_is_farther_from_its_tangent_or_parabola_than_bounded(robot: mo.Robot) -> None:
@@ -167,8 +172,8 @@ def test_planar_arm_at_speed_by_a_fine_grid() -> None:
 @pytest.mark.parametrize(
     ("robot", "load", "speed"),
     [
-        pytest.param(mo.load_robot("ur5e"), (0.0, 5.0), 0.2, marks=pytest.mark.slow),
-        pytest.param(mo.load_robot("puma560"), (0.0, 2.0), 0.5, marks=pytest.mark.slow),
+        pytest.param(mo.load_robot("ur5e"), (0.0, 5.0), 0.2, marks=pytest.mark.thorough),
+        pytest.param(mo.load_robot("puma560"), (0.0, 2.0), 0.5, marks=pytest.mark.thorough),
         (mo.load_robot("microbot"), (0.0, 1.0), 0.4),
         (telescope(), (0.0, 1.0), 0.7),
         (turned("planar_3r"), (0.2, 0.4), 0.6),

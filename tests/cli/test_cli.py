@@ -437,9 +437,7 @@ def test_a_motion_that_does_not_know_its_robot(refused, call, tmp_path):
 
 
 def test_compare_writes_nothing_unless_it_is_asked(call, tmp_path):
-    code, out, err = call(
-        "compare", "microbot", "--via-deg", VIA_DEG, "--methods", "cubic,lspb", "--qd-max", "1"
-    )
+    code, out, err = call("compare", *SHORT, "--methods", "cubic,lspb", "--qd-max", "1")
     assert (code, err) == (0, "")
     assert list(tmp_path.iterdir()) == []
     assert "\x1b" not in out
@@ -523,8 +521,7 @@ def test_a_method_that_cannot_do_the_task_is_exit_code_1(call, monkeypatch):
 
     method = methods.Method("LSPB, best times and velocities", fail)
     monkeypatch.setitem(methods.METHODS, "lspb", method)
-    arguments = ("compare", "microbot", "--via-deg", VIA_DEG, "--methods", "cubic,lspb")
-    code, out, err = call(*arguments)
+    code, out, err = call("compare", *SHORT, "--methods", "cubic,lspb")
     assert (code, err) == (1, "")
     assert "it cannot be done" in out
     assert "cubic, best times and velocities" in out
@@ -733,6 +730,7 @@ def test_an_output_that_is_closed_or_full(program, shell, reason):
     assert program("fk", shell=f"2{shell}").returncode == 2
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_a_stream_that_knows_ascii_only(program):
     done = program("show", "planar_2r", "--json", PYTHONIOENCODING="ascii")

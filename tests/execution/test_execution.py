@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -27,6 +28,7 @@ def panda():
     return mo.load_robot("panda")
 
 
+@lru_cache
 def shape(robot, profile, seed):
     """The fastest quintic between two random poses under the robot's own limits."""
     limits = mo.execution.load_profile(profile).limits_of(robot)
@@ -37,7 +39,7 @@ def shape(robot, profile, seed):
     return mo.Motion.from_polynomial(robot, fastest.polynomial, label="quintic", marks=marks)
 
 
-@pytest.mark.parametrize("profile", ["panda", pytest.param("fr3", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("profile", ["panda", pytest.param("fr3", marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.thorough)])
 def test_libfranka_leaves_what_is_exported_as_it_is(panda, profile, seed):
     motion = shape(panda, profile, seed)
@@ -453,14 +455,14 @@ def test_profiles_that_do_not_fit(microbot, profile, message):
 @pytest.mark.slow
 def test_an_obstacle_on_the_way_is_found(tmp_path):
     pytest.importorskip("coal")
-    robot = mo.load_robot("ur5e")
-    q = np.array([[0.0, -1.2, 1.2, -1.5, -1.5, 0.0], [1.2, -1.2, 1.2, -1.5, -1.5, 0.0]])
+    robot = mo.load_robot("planar_3r")
+    q = np.array([[0.0, 0.3, 0.2], [1.2, 0.3, 0.2]])
     shape = mo.Motion.from_polynomial(robot, mo.quintic(q, [0.0, 2.0]), label="quintic")
     middle = np.array(mo.forward_kinematics(robot)(shape.sample([1.0]).q[0]))[:3, 3]
-    path = shape.export(tmp_path / "a.csv", profile="ur_servoj", robot=robot)
+    path = shape.export(tmp_path / "a.csv", profile="hold@100", robot=robot)
     for center, clear in ((middle, False), (middle + np.array([0.0, 0.0, 2.0]), True)):
         scene = mo.Scene([mo.Sphere(center, 0.05)])
-        certificate = mo.check(robot, path, "ur_servoj", scene=scene)
+        certificate = mo.check(robot, path, "hold@100", scene=scene)
         assert certificate.clearance is not None
         assert certificate.ok == clear
 
@@ -542,7 +544,7 @@ def line():
     [
         "hold@100",
         pytest.param("ros2_jtc_linear@50", marks=pytest.mark.thorough),
-        "ros2_jtc_cubic@50",
+        pytest.param("ros2_jtc_cubic@50", marks=pytest.mark.thorough),
         pytest.param("ros2_jtc_quintic@50", marks=pytest.mark.thorough),
     ],
 )
@@ -577,20 +579,16 @@ def moving_onto_a_line():
     return robot, task, mo.time_optimal(robot, stops, segments=task["segments"], mesh=20, starts=1)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("profile", "most"),  # s that rows take longer
     [
         ("ur_servoj", 0.02),
         ("ros2_jtc_cubic@100", 0.2),
-        *(
-            pytest.param(*case, marks=pytest.mark.thorough)
-            for case in (
-                ("hold@250", 0.05),
-                ("ros2_jtc_linear@200", 0.08),
-                ("ros2_jtc_quintic@100", 0.2),
-            )
-        ),
+        ("hold@250", 0.05),
+        ("ros2_jtc_linear@200", 0.08),
+        ("ros2_jtc_quintic@100", 0.2),
     ],
 )
 def test_a_line_that_is_reached_at_speed_is_kept_from_its_first_point_on(

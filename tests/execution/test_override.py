@@ -95,9 +95,9 @@ def test_what_is_no_override_is_refused(rail, arguments, told):
                 ("jerk", 1.3, {"qddd_max": 15.0}),
                 ("power", 1.0, {"also": [mo.limits.power(upper=6.0)]}),
                 ("tool acceleration", 1.0, {"also": [mo.limits.tool_acceleration(2.0)]}),
+                ("tool speed", 1.0, {"also": [mo.limits.tool_speed(1.2)]}),
             )
         ),
-        pytest.param(1.0, {"also": [mo.limits.tool_speed(1.2)]}, id="tool speed"),
     ],
 )
 def test_limits_that_are_no_half_planes_are_kept_as_well(rail, slower, limits):

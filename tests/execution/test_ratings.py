@@ -112,7 +112,7 @@ def test_the_dwell_that_a_rating_asks_for(microbot):
             mo.execution.ratings(microbot, motion).least_dwell(rating)
 
 
-@pytest.mark.parametrize("dwell", [0.0, 0.5])
+@pytest.mark.parametrize("dwell", [pytest.param(0.0, marks=pytest.mark.thorough), 0.5])
 def test_a_limit_of_the_mean_makes_the_speed_a_parabola(joint, dwell):
     """12 (I D)^2 / T^3 = r^2 (T + dwell): the torque is linear in time, so it is met exactly."""
     way, rated = 1.5, 10.0

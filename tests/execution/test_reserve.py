@@ -30,6 +30,7 @@ def test_arms_of_mujoco_follow_with_the_reserve_and_not_without():
     assert max(played(robot, found.ideal, plant)[0] for plant in plants) > 10 * BOUND
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_of_one_joint_the_answer_is_known():
     """An arm heavier by 5 % needs 5 % more torque."""
@@ -86,7 +87,10 @@ def test_no_reserve_keeps_what_the_controller_does_not(microbot):
     assert [axes.get_ylabel() for axes in drawn.flat] == ["error of the tool [mm]", "duration [s]"]
 
 
-@pytest.mark.parametrize("where", ["free", "prepared", "path", "stops"])
+@pytest.mark.parametrize(
+    "where",
+    ["free", *(pytest.param(w, marks=pytest.mark.thorough) for w in ("prepared", "stops")), "path"],
+)
 def test_every_planner_keeps_the_share_back(microbot, where):
     reserve = [0.1, 0.2, 0.3]
     tight = microbot.limits.with_reserve(reserve)

@@ -22,7 +22,8 @@ def extremes(robot, samples):
 
 
 @pytest.mark.parametrize(
-    "name", ["microbot", pytest.param("ur5e", marks=pytest.mark.thorough), "stanford"]
+    "name",
+    ["microbot", *(pytest.param(n, marks=pytest.mark.thorough) for n in ("ur5e", "stanford"))],
 )
 def test_no_arm_of_the_box_needs_more_and_a_corner_needs_as_much(name):
     robot = mo.load_robot(name).with_limits(tau_max=100.0)

@@ -103,6 +103,7 @@ def test_jerk_along_a_trajectory_that_starts_from_rest(shape):
     assert mo.certify(robot, motion).ok
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_jerk_is_kept_through_smooth_breaks():
     robot = mo.load_robot("planar_2r").with_limits(qddd_max=60.0)

@@ -46,6 +46,7 @@ def arc(robot: mo.Robot, signs: np.ndarray) -> ca.Function:
     return ca.integrator("arc", "cvodes", equation, 0, 1, {"abstol": 1e-13, "reltol": 1e-13})
 
 
+@pytest.mark.thorough
 def test_the_fastest_motion_by_its_arcs() -> None:
     """Nine lengths from nine conditions: the end, and each speed where it first is at its limit."""
     robot = mo.load_robot("manutec_r3")

@@ -52,6 +52,7 @@ def test_forward_dynamics_is_the_one_of_mujoco(robot: mo.Robot) -> None:
     assert difference(batch(mo.forward_dynamics(robot), q, qd, tau), theirs) < RELATIVE
 
 
+@pytest.mark.thorough
 def test_torques_of_a_cycle_are_those_of_mujoco_with_the_part_as_a_body_of_its_own():
     """Pick 0.8 kg with an inertia, bring it over, put it down, go back: two models, one motion."""
     robot = with_small_bodies(two_link_arm(1.0, 0.8)).with_limits(tau_max=[60.0, 25.0], qd_max=3.0)

@@ -9,6 +9,7 @@ import microbot_ocp as mo
 pytest.importorskip("ompl")
 
 
+@pytest.mark.thorough
 def test_the_two_link_arm_goes_around_a_disc_as_fast_as_opti_says() -> None:
     robot, scene = two_link_arm(), disc()
     motion = mo.time_optimal(robot, ENDS, scene=scene, mesh=20, starts=1, compiled=False)

@@ -27,6 +27,7 @@ from external.published_problems import (
 pytestmark = pytest.mark.slow
 
 BY_NAME = {problem.name: problem for problem in PROBLEMS}
+LONG = ("robot_arm", "cart_pole", "cart_pole_arcs", "van_der_pol_time", "pendulum")
 SCRIPT = Path(__file__).resolve().parents[2] / "problems" / "10_published_optima.py"
 CASES = [
     pytest.param(
@@ -35,7 +36,7 @@ CASES = [
         solver,
         id=f"{problem.name}-{scheme}-{solver}",
         marks=()
-        if (scheme, solver) == ("radau", "ipopt") and problem.name != "robot_arm"
+        if (scheme, solver) == ("radau", "ipopt") and problem.name not in LONG
         else pytest.mark.thorough,
     )
     for problem in PROBLEMS
@@ -112,6 +113,7 @@ def cart_pole_end(durations: np.ndarray) -> np.ndarray:
     return state
 
 
+@pytest.mark.thorough
 def test_four_arcs_of_full_force_swing_the_cart_pole_up():
     """Four durations for the four conditions of rest above the start: nothing is left to choose."""
     guess = np.array([0.25, 0.56, 0.46, 0.17])
@@ -121,6 +123,7 @@ def test_four_arcs_of_full_force_swing_the_cart_pole_up():
     np.testing.assert_allclose([p.duration for p in phases], durations, atol=1e-6)
 
 
+@pytest.mark.thorough
 def test_the_best_cart_pole_motion_found_has_those_arcs():
     solution = BY_NAME["cart_pole"].solve("hermite_simpson", "ipopt")
     force = solution["swing"]["force"].ravel() / FORCE
@@ -130,6 +133,7 @@ def test_the_best_cart_pole_motion_found_has_those_arcs():
     assert tuple(signs[np.flatnonzero(np.diff(signs, prepend=0.0))]) == CART_POLE_SIGNS
 
 
+@pytest.mark.thorough
 def test_the_pendulum_found_swings_up_by_another_integrator():
     solution = BY_NAME["pendulum"].solve("hermite_simpson", "ipopt")["swing"]
     state = np.zeros(2)
@@ -148,6 +152,7 @@ def test_the_pendulum_found_swings_up_by_another_integrator():
     np.testing.assert_allclose(state, [np.pi, 0.0], atol=1e-6)
 
 
+@pytest.mark.thorough
 def test_the_rocket_climbs_as_high_in_three_phases_as_in_one():
     """To a digit more than the source prints; the singular arc is the middle phase."""
     one = BY_NAME["goddard_rocket"].solve("hermite_simpson", "ipopt")
@@ -190,6 +195,7 @@ def test_the_script_prints_the_table_and_succeeds_where_all_is_met(run):
     assert "2 optima met" in done.stdout
 
 
+@pytest.mark.thorough
 def test_the_script_has_a_column_for_every_solver(run):
     done = run("--only", "double_integrator", "--by-solver", "--solver", "fatrop", "ipopt", "sqp")
     assert done.returncode == 0, done.stderr

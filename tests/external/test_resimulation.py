@@ -52,8 +52,11 @@ def by_pinocchio(robot: mo.Robot) -> Acceleration:
     return lambda q, qd, tau: pin.aba(model, data, q, qd, tau).copy()
 
 
-def largest_miss(acceleration: Acceleration, motion: Motion) -> float:
-    """Largest error of a position, rad, at the end of a segment from the motion's own state."""
+def largest_miss(acceleration: Acceleration, motion: Motion, enough: float = np.inf) -> float:
+    """Largest error of a position, rad, at the end of a segment from the motion's own state.
+
+    Returned at once if it is above ``enough``.
+    """
     torque, mesh, n = interpolated(motion, motion.tau, mesh_of(motion)), mesh_of(motion), 0
     if motion.breaks is None or motion.breaks.size == motion.t.size:
         torque, mesh = interpolated(motion, motion.tau, mesh[[0, -1]]), mesh[[0, -1]]
@@ -82,16 +85,18 @@ def largest_miss(acceleration: Acceleration, motion: Motion) -> float:
             fourth = rate(x + h * third, tau[2 * k + 2])
             x = x + h / 6 * (first + 2 * second + 2 * third + fourth)
             worst = max(worst, float(np.abs(x[: x.size // 2] - own.q[2 * k + 2]).max()))
+            if worst > enough:
+                return worst
     return worst
 
 
 def usual(robot: mo.Robot) -> Iterator[tuple[str, Motion]]:
-    yield from islice(shapes(robot, 0.8), 2)
+    yield from islice(shapes(robot, 0.8), 1)
     yield from planned(robot)
 
 
 def further(robot: mo.Robot) -> Iterator[tuple[str, Motion]]:
-    yield from islice(shapes(robot, 0.8), 2, None)
+    yield from islice(shapes(robot, 0.8), 1, None)
     yield from others(robot)
 
 
@@ -109,7 +114,7 @@ def agrees(robot: mo.Robot, motion: Motion) -> None:
     for simulator in (by_mujoco, by_pinocchio):
         acceleration = simulator(robot)
         assert largest_miss(acceleration, motion) < 1e-7, name
-        assert largest_miss(acceleration, wrong) > 1e-6, name
+        assert largest_miss(acceleration, wrong, 1e-6) > 1e-6, name
 
 
 @pytest.mark.slow

@@ -127,7 +127,10 @@ def check(name, ratios, least):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(n, marks=pytest.mark.thorough if n == "explanation" else ()) for n in HERE],
+    [
+        pytest.param(n, marks=pytest.mark.thorough if n in ("explanation", "problem") else ())
+        for n in HERE
+    ],
 )
 def test_no_answer_passes_for_a_whole_one(name):
     check(name, [0.3, 0.7], least=1)

@@ -62,7 +62,7 @@ def motion() -> mo.Motion:
 
 @cache
 def prepared() -> mo.TimeOptimalSolver:
-    return mo.TimeOptimalSolver(robot(), VIA, mesh=20)
+    return mo.TimeOptimalSolver(robot(), VIA, mesh=12)
 
 
 def double_integrator(
@@ -295,6 +295,7 @@ def test_copies_of_prepared_solvers_give_the_same_bits(copied):
         assert arrays_of(call(copied(solver))) == arrays_of(call(solver))
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_prepared_solvers_sent_to_another_process_give_the_same_bits():
     prepared()()

@@ -256,9 +256,9 @@ def check_solved_again(around: mo.Motion) -> None:
     assert motion.duration < 1.01 * around.duration
 
 
-@pytest.mark.parametrize(
-    "samples", [pytest.param(200, marks=pytest.mark.thorough), 2]
-)  # with two only the proof sees that links touch
+@pytest.mark.thorough
+# with two only the proof sees that links touch
+@pytest.mark.parametrize("samples", [200, 2])
 def test_pairs_that_are_missed_are_put_in_and_it_is_solved_again(
     around, monkeypatch, samples: int
 ) -> None:
@@ -282,6 +282,7 @@ def test_more_may_be_asked_of_a_pair_than_the_path_has(around, monkeypatch) -> N
     check_solved_again(around)
 
 
+@pytest.mark.thorough
 def test_a_coarse_motion_does_not_pass_through_thin_things_between_its_mesh_points() -> None:
     thin = ARM.with_capsules(mo.robot.link_capsules(ARM, 0.01))
     post = mo.Scene([mo.Sphere([0.75, 0.2, 0.0], 0.01, "post")], self_collision=False)
@@ -304,6 +305,7 @@ def test_a_path_gets_its_best_timing_where_its_bound_is_faster(around) -> None:
     assert mo.certify(surroundings.robot, timed.motion, via_q=ENDS, scene=POST).ok
 
 
+@pytest.mark.thorough
 def test_a_path_that_reachability_cannot_time_is_there_all_the_same() -> None:
     """It rests at its corners then, and was left out as slower than nothing."""
     surroundings = Surroundings(ARM, POST)
@@ -405,8 +407,9 @@ GANTRY = mo.Robot.from_dh(
 ).with_capsules({3: [mo.Capsule([0, 0, -0.1], [0, 0, 0.1], 0.05, "head")]})
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
-@pytest.mark.parametrize("play", [pytest.param(3e-4, marks=pytest.mark.thorough), 3e-5])
+@pytest.mark.parametrize("play", [3e-4, 3e-5])
 def test_a_corridor_may_be_as_narrow_as_distances_are_known(play: float) -> None:
     sides = [(s, s * (0.55 + play / 2)) for s in (1, -1)]
     walls = [mo.Box([0.2, 1.0, 3.0], [0, y, 0], f"wall {s}") for s, y in sides]
@@ -440,7 +443,7 @@ def test_a_first_way_is_proved_before_others_are_looked_for(monkeypatch) -> None
     assert f"{legs[0].first_motion.duration:.4f} s" in text
 
 
-@pytest.mark.parametrize("stopped", [False, True])
+@pytest.mark.parametrize("stopped", [pytest.param(False, marks=pytest.mark.thorough), True])
 def test_what_is_far_away_changes_nothing(stopped: bool) -> None:
     """The search from a path ends as near its limits as the one among nothing."""
     arm, ends = mo.load_robot("microbot"), np.array([[0.04, 1.44, -1.14], [1.44, -0.6, -0.25]])
@@ -497,6 +500,7 @@ def test_a_timed_cycle_among_obstacles_keeps_lines_dwells_and_payloads() -> None
     assert certificate.ok, certificate.verdict
 
 
+@pytest.mark.thorough
 def test_stops_that_are_joint_poses_are_via_points(around: mo.Motion) -> None:
     stops = [mo.Stop(q=ENDS[0], name="pick"), mo.Stop(q=ENDS[1], name="place")]
     motion = mo.time_optimal(ARM, stops, scene=POST, mesh=20, starts=1)
@@ -508,10 +512,11 @@ def test_stops_that_are_joint_poses_are_via_points(around: mo.Motion) -> None:
 BEYOND = [1.05 * np.cos(0.6), 1.05 * np.sin(0.6), 0.0]
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "via",
-    [ENDS, pytest.param([mo.Stop(q=q) for q in ENDS], marks=pytest.mark.thorough)],
+    [ENDS, [mo.Stop(q=q) for q in ENDS]],
     ids=["poses", "stops"],
 )
 def test_a_pair_counts_where_it_is_nearer_than_a_large_clearance(via) -> None:

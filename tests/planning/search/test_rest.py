@@ -121,6 +121,7 @@ def test_timed_paths_leave_and_stop_with_the_torques_that_hold_the_arm(path, sha
     assert largest_step(robot, motion) < 1.005
 
 
+@pytest.mark.thorough
 def test_one_way_has_one_duration_whatever_parameter_describes_it():
     """A cubic and a quintic of one segment are straight lines with other parameters."""
     robot = arm(tau_max=[60.0, 25.0], taud_max=[400.0, 150.0])
@@ -143,7 +144,7 @@ def test_a_tool_line_of_a_task_leaves_from_the_torques_that_hold_the_arm():
 @pytest.mark.parametrize(
     "limits",
     [
-        {"qddd_max": 4.0},
+        pytest.param({"qddd_max": 4.0}, marks=pytest.mark.thorough),
         {"taud_max": 8.0},
         pytest.param({"qddd_max": 400.0}, marks=pytest.mark.thorough),
     ],

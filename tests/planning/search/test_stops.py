@@ -118,6 +118,7 @@ def test_the_best_order_is_found_and_bounds_leave_others_out(rail):
     assert row["bound"] <= row["duration"] <= 1.01 * row["coarse"] <= 1.01 * row["rested"]
 
 
+@pytest.mark.thorough
 def test_orders_that_coarse_answers_cannot_tell_apart_are_all_refined(rail):
     options = QUICK | {"mesh": 6, "starts": 1}
     motion = mo.time_optimal(rail, [[0.0], [1.0], [1.001], [0.0]], order="free", **options)
@@ -127,6 +128,7 @@ def test_orders_that_coarse_answers_cannot_tell_apart_are_all_refined(rail):
     assert "2 solved on a coarse mesh, 2 of them refined" in motion.note
 
 
+@pytest.mark.thorough
 def test_stops_with_a_segment_between_them_stay_together(rail):
     slow = rail.with_limits(qd_max=0.5)
     segments = [None, mo.JointLine(), None, None]
@@ -151,6 +153,7 @@ def test_bounds_of_orders_hold_at_tool_positions(two_links):
         assert 0.0 < bound <= motion.duration
 
 
+@pytest.mark.thorough
 def test_the_order_of_least_effort_in_a_given_time(rail):
     via_q = [[0.0], [2.0], [1.0], [3.0]]
     options = {"order": "free", "duration": 12.0, "mesh": 6, "starts": 1, "compiled": False}
@@ -495,8 +498,9 @@ def test_without_time_for_a_search_segments_go_from_rest_to_rest(rail):
 PLACE, VELOCITY = np.array([0.27, 0.8, -0.24]), np.array([1.8, 1.7, -2.0])
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
-@pytest.mark.parametrize("apart", [pytest.param(0.0, marks=pytest.mark.thorough), 1e-8])
+@pytest.mark.parametrize("apart", [0.0, 1e-8])
 def test_how_near_the_places_are_does_not_decide_how_an_arm_in_motion_stops(microbot, apart):
     """Sweeping out and back takes the same time, however near it comes to where it started."""
     stops = [mo.Stop(q=PLACE, velocity=VELOCITY), mo.Stop(q=PLACE + apart)]
@@ -510,7 +514,8 @@ def test_how_near_the_places_are_does_not_decide_how_an_arm_in_motion_stops(micr
     ("way", "end", "duration"),
     [
         (1e-6, VELOCITY, 1e-6),  # it only goes on
-        (-1e-8, VELOCITY, 1.1639),  # it goes round
+        # it goes round
+        pytest.param(-1e-8, VELOCITY, 1.1639, marks=pytest.mark.thorough),
         pytest.param(0.0, -VELOCITY, 0.6190, marks=pytest.mark.thorough),
     ],
 )
@@ -558,7 +563,7 @@ LINES = [mo.Line(tolerance=2e-3), None]
     "limit",
     [
         mo.limits.tool_speed(1.0),
-        mo.limits.tool_acceleration(4.0),
+        pytest.param(mo.limits.tool_acceleration(4.0), marks=pytest.mark.thorough),
         pytest.param(mo.limits.power(60.0), marks=pytest.mark.thorough),
     ],
 )
@@ -625,8 +630,9 @@ def test_a_line_beside_a_singular_place_takes_as_long_as_that_through_it(microbo
     assert durations[1] <= 1.005 * durations[0]
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
-@pytest.mark.parametrize("beside", [pytest.param(-2e-4, marks=pytest.mark.thorough), 3e-4])
+@pytest.mark.parametrize("beside", [-2e-4, 3e-4])
 def test_a_six_joint_arm_passes_its_shoulder_within_the_tolerance(beside):
     """The arm of a UR5e stands over the axis of its base 0.1333 m beside it."""
     robot, down = mo.load_robot("ur5e"), np.diag([1.0, -1.0, -1.0])

@@ -101,6 +101,7 @@ def test_each_piece_may_have_a_unit_of_its_own(path, units):
     assert motion.duration == pytest.approx(time_optimal_path(robot, path).duration, rel=1e-6)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_the_unit_does_not_decide_under_torque_rates_either():
     robot = arm(tau_max=[60.0, 25.0], taud_max=[400.0, 150.0])
@@ -253,6 +254,7 @@ def test_four_times_the_torque_halves_the_time_without_gravity():
     assert durations[0] / durations[1] == pytest.approx(2.0, rel=3e-4)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("friction", "allowed"),
@@ -282,7 +284,7 @@ def test_acceleration_limits_hold():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("corner", [True, False])
+@pytest.mark.parametrize("corner", [True, pytest.param(False, marks=pytest.mark.thorough)])
 def test_torque_rate_limits_hold_also_where_pieces_meet(corner):
     robot = arm(tau_max=[60.0, 25.0], taud_max=[400.0, 150.0])
     path = straight_path(ARM_VIA) if corner else ARM_CUBIC
@@ -298,6 +300,7 @@ def test_torque_rate_limits_hold_also_where_pieces_meet(corner):
     assert motion.duration > 1.05 * without.duration
 
 
+@pytest.mark.thorough
 def test_a_smooth_path_needs_no_stop_under_torque_rate_limits():
     """A single polynomial cut in two: as fast as in one piece."""
     whole = mo.cubic([[0.0, 0.3], [1.0, -0.5]], [0.0, 1.0], [[0.5, 0.5], [0.5, 0.5]])
@@ -313,6 +316,7 @@ def test_a_smooth_path_needs_no_stop_under_torque_rate_limits():
 # what cannot be done ------------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_momentum_carries_over_a_pose_that_cannot_be_held():
     robot = pendulum(tau_max=9.7)
     motion = time_optimal_path(robot, straight_path([[0.0], [np.pi]]))
@@ -375,6 +379,7 @@ def test_power_on_a_rail_takes_the_closed_form():
     assert motion.duration == pytest.approx(past(v)[1] + mass * v / force, rel=1e-4)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "limits",
     [
