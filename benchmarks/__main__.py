@@ -4,8 +4,9 @@ Benchmarks with their own options, see ``python -m benchmarks NAME --help``: sui
 optimal-control problems), torture (random tasks by seed), one_sided (arms with a weak side), scenes
 (tasks among obstacles), published (published tasks among obstacles), sweep (overhead of a sweep),
 switching_times (exact switching times of random tasks), replanning (re-plans of a moving arm),
-plants (MuJoCo arms that differ from the model), baseline (record of all answers, compared with an
-earlier one), ledger FILE (strategies in such a record), prices (value of the data of a task).
+plants (MuJoCo arms that differ from the model), layouts (designs of cells against exhaustive maps),
+baseline (record of all answers, compared with an earlier one), ledger FILE (strategies in such a
+record), prices (value of the data of a task).
 """
 
 import argparse
@@ -38,7 +39,7 @@ def main() -> None:
     if sys.argv[1:2] == ["ledger"]:
         sys.argv[1:2] = ["baseline", "--ledger"]
     own = ["baseline", "torture", "one_sided", "scenes", "sweep", "published", "switching_times"]
-    own += ["motionbenchmaker", "plants", "prices", "replanning"]
+    own += ["layouts", "motionbenchmaker", "plants", "prices", "replanning"]
     own += [*(["cell"] if "--robot" in sys.argv else [])]
     if len(sys.argv) > 1 and sys.argv[1] in own:
         importlib.import_module(f"benchmarks.{sys.argv[1]}").main(sys.argv[2:])

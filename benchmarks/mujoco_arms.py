@@ -18,7 +18,10 @@ def mjcf(robot: mo.Robot) -> str:
     def text(values: Any) -> str:
         return " ".join(f"{value:.17g}" for value in np.ravel(values))
 
-    opening, closing = [], []
+    turn = np.zeros(4)
+    mujoco.mju_mat2Quat(turn, robot.base[:3, :3].ravel())
+    opening = [f'<body pos="{text(robot.base[:3, 3])}" quat="{text(turn)}">']
+    closing = ["</body>"]
     for joint, link in enumerate(robot.links):
         row = (robot.alpha[joint], robot.a[joint], robot.d[joint], robot.theta_offset[joint])
         placement = dh_transform(*row)

@@ -152,6 +152,28 @@ def test_others_find_the_same_motion_with_what_is_picked_up():
             assert largest_miss(by_pinocchio(robot), part) > 1e-6
 
 
+@pytest.mark.thorough
+def test_mujoco_finds_the_motion_of_a_design_before_and_after_at_its_stops():
+    robot = plain(mo.load_robot("microbot"))
+    stops = [mo.Stop(position=[0.3, y, 0.2], name=name) for y, name in ((0.2, "a"), (-0.3, "b"))]
+    settings = mo.layout.DesignSettings(nodes=4, solves=3, starts=0)
+    bounds = {"base.x": (-0.1, 0.1), "base.yaw": (-0.3, 0.3)}
+    found = mo.design(robot, stops, [*bounds], bounds, settings=settings, starts=1)
+    assert found.before is not None
+    assert found.period < found.period_before
+    for cell in (found.before, found.after):
+        arm, motion = cell.robot, cell.motion
+        assert largest_miss(by_mujoco(arm), motion) < 1e-7
+        model = mujoco.MjModel.from_xml_string(mjcf(arm))
+        data = mujoco.MjData(model)
+        for mark, stop in zip(motion.marks, cell.stops, strict=True):
+            data.qpos[:] = motion.sample([mark.time]).q[0]
+            mujoco.mj_forward(model, data)
+            tool = data.xpos[-1] + data.xmat[-1].reshape(3, 3) @ arm.tool[:3, 3]
+            np.testing.assert_allclose(tool, stop.position, atol=1e-6)
+    assert not np.allclose(found.after.robot.base, robot.base)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("simulator", [by_mujoco, by_pinocchio])
 def test_others_find_the_same_motion_of_seven_joints(simulator):

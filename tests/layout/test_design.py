@@ -145,6 +145,24 @@ def test_slopes_beside_an_obstacle_that_the_arm_passes_near():
         assert by_multipliers[k] == pytest.approx(difference, rel=1e-2)
 
 
+@pytest.mark.thorough
+def test_a_design_among_obstacles_is_certified_with_them():
+    pytest.importorskip("ompl")
+    robot = mo.load_robot("planar_2r")
+    scene = mo.Scene([mo.Sphere([0.72, 0.0, 0.0], 0.15, "ball")], 0.01)
+    cell = cell_of(robot, stops_at([0.55, 0.3, 0.0], [0.55, -0.3, 0.0]))
+    settings = DesignSettings(nodes=9, solves=4, starts=1)
+    bounds = dict.fromkeys(("base.x", "base.y"), (-0.1, 0.1))
+    found = mo.design(None, cell, [*bounds], bounds, scene=scene, settings=settings)
+    assert found.period < found.period_before
+    moved, motion = found.cell.robot, found.after.motion
+    assert not np.allclose(moved.base, robot.base)
+    stops = found.cell.stops
+    assert mo.certify(moved, motion, via_q=stops, scene=scene).ok
+    closer = mo.Scene([mo.Sphere([0.72, 0.0, 0.0], 0.25, "ball")], 0.01)
+    assert not mo.certify(moved, motion, via_q=stops, scene=closer).ok
+
+
 # refusals -----------------------------------------------------------------------------------------
 
 PLANAR = mo.load_robot("planar_2r").with_gravity([0.0, 0.0, 0.0])
@@ -167,14 +185,40 @@ CELL = cell_of(PLANAR, stops_at([0.6, 0.3, 0.0], [0.5, -0.3, 0.0]))
         ("base.x", {"base.x": (0.1, 0.2)}, "holds the present 0"),
         ("gear ratio.elbow", {"gear ratio": {"elbow": (-1.0, 2.0)}}, "above 0"),
         ("base.z", {"base.z": (-0.1, 0.1)}, "no value of base.z but the present one"),
-        ("tool.yaw", None, "tool.yaw is without effect"),
-        ("base.yaw", None, "base.yaw is without effect"),
+        (["base.x", "base.z"], {"base.z": (-0.1, 0.1)}, "no value of base.z but the present one"),
+        (["tool.yaw", "base.yaw"], None, "tool.yaw and base.yaw: without effect"),
     ],
 )
 def test_refusals_in_one_sentence(free, bounds, words):
     settings = DesignSettings(nodes=4, solves=2, starts=0)
     with pytest.raises(mo.InputError, match=re.escape(words)):
         mo.design(PLANAR, CELL, free, bounds, settings=settings)
+
+
+@pytest.mark.slow
+def test_a_quantity_without_effect_beside_another_stays_as_it_is():
+    settings = DesignSettings(nodes=4, solves=3, starts=0)
+    cell = replace(CELL, settings=QUICK)
+    bounds = {"base.x": (-0.1, 0.1), "base.yaw": (-0.5, 0.5)}
+    found = mo.design(None, cell, ["base.x", "base.yaw"], bounds, settings=settings)
+    place, turn = found.worth
+    assert found.values[0] != 0.0
+    assert found.values[1] == 0.0
+    assert (place.idle, turn.idle) == (False, True)
+    assert turn.sentence == "base.yaw: no effect on this cell"
+    assert abs(turn.slope) < 1e-3 * abs(place.slope)
+    assert abs(turn.difference) < 1e-3 * found.period
+    assert found.plot().ravel()[0].get_xlabel() == "base.x [m]"
+
+
+@pytest.mark.slow
+def test_a_turn_of_the_base_has_an_effect_beside_a_joint_pose():
+    home = mo.Stop(q=[1.5, 1.0], name="home")
+    cell = cell_of(PLANAR, [home, CELL.stops[0]])
+    settings = DesignSettings(nodes=4, solves=2, starts=0)
+    found = mo.design(None, cell, "base.yaw", {"base.yaw": (-0.3, 0.3)}, settings=settings)
+    assert not found.worth[0].idle
+    assert found.period < 0.9 * found.period_before
 
 
 def test_a_stop_that_is_a_joint_pose_is_not_free():

@@ -20,7 +20,6 @@ from microbot_ocp._base.writing import made_folder, write_whole
 from microbot_ocp.layout._quantities import Quantity, cell_with, quantities_of
 from microbot_ocp.layout._search import DesignSettings, LayoutSearch, Node, Solved, solved_with
 from microbot_ocp.layout._slopes import slopes
-from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import StepProgress, quiet
 from microbot_ocp.planning import Stop, task_of, with_changes
 from microbot_ocp.robot import Robot
@@ -31,6 +30,8 @@ from microbot_ocp.tasks import Cell, CellFile, read_cell
 DIFFERENCE = 0.02  # step of the differences, as a share of a range: far above the effect of a mesh
 AGREE = 0.01  # relative difference of slopes that agree
 KINK = 0.1  # relative change of the slope across a kink
+APART = 0.3  # rad or m between joint positions at the same stop in two branches
+IDLE = "no effect on this cell"
 NOISE = 2e-5  # share of the period by which two solves on different meshes differ
 # A displacement or a turn whose worth is stated, by the unit.
 SAID = {"m": (0.01, "10 mm"), "rad": (np.radians(1.0), "1 deg"), "": (0.01, "1 %")}
@@ -60,8 +61,15 @@ class Worth:
     at_bound: bool
 
     @property
+    def idle(self) -> bool:
+        """True if the quantity has no effect, so that it keeps its value."""
+        return self.flag == IDLE
+
+    @property
     def sentence(self) -> str:
         """Sentence such as "base.y: 10 mm less is worth 7 ms"."""
+        if self.idle:
+            return f"{self.quantity.name}: {IDLE}"
         slope = self.slope if np.isfinite(self.slope) else self.difference
         size, text = SAID[self.quantity.unit]
         way = "less" if slope > 0.0 else "more"
@@ -288,7 +296,7 @@ def design(
         quantities = quantities_of(cell, free, bounds)
         search = LayoutSearch(cell, quantities, settings or DesignSettings(), progress or quiet)
         search.draw_map()
-        search.refuse_without_effect()
+        search.hold_without_effect()
     search.run()
     best, start = search.best, search.solved[0]
     if best.cell is None:
@@ -296,7 +304,7 @@ def design(
         raise InputError(
             f"no motion was found within the bounds, of {len(search.solved)} solves: {reasons}"
         )
-    worth = _worth(cell, quantities, best)
+    worth = _worth(cell, quantities, best, search.held)
     changed = cell_with(cell, quantities, best.values)
     return Design(
         quantities,
@@ -341,7 +349,9 @@ def _cell(robot: Robot | None, task: Any, scene: Scene | None, given: dict[str, 
     return cell if cell.scene is None else replace(cell, robot=with_arm_capsules(cell.robot))
 
 
-def _worth(cell: CellFile, quantities: tuple[Quantity, ...], best: Solved) -> tuple[Worth, ...]:
+def _worth(
+    cell: CellFile, quantities: tuple[Quantity, ...], best: Solved, held: np.ndarray
+) -> tuple[Worth, ...]:
     """Return the slopes at the end, each beside a difference of solves."""
     assert best.cell is not None
     by_multipliers = slopes(cell, quantities, best.values, best.cell.motion)
@@ -362,7 +372,7 @@ def _worth(cell: CellFile, quantities: tuple[Quantity, ...], best: Solved) -> tu
         difference = float(np.mean(finite)) if finite else np.nan
         ends_of_range = (quantity.lower, quantity.upper)
         at_bound = bool(np.isclose(best.values[k], ends_of_range, atol=2e-6).any())
-        flag = _flag(slope, ends, step, best, sides)
+        flag = IDLE if held[k] else _flag(slope, ends, step, best, sides)
         rows.append(Worth(quantity, slope, difference, flag, at_bound))
     return tuple(rows)
 
@@ -373,7 +383,7 @@ def _flag(slope: float, ends: list[float], step: float, best: Solved, sides: lis
         return "no multipliers"
     if not all(map(np.isfinite, ends)):
         return "no motion beside it"
-    if any(_branch(side) != _branch(best) for side in sides):
+    if any(_changes(side, best) for side in sides):
         return "branch or order changes beside it"
     scale = max(abs(slope), *map(abs, ends))
     if 2.0 * scale * step * AGREE < NOISE * best.period:
@@ -383,10 +393,11 @@ def _flag(slope: float, ends: list[float], step: float, best: Solved, sides: lis
     return "" if abs(np.mean(ends) - slope) <= AGREE * scale else "differs from the slope"
 
 
-def _branch(solved: Solved) -> Any:
-    """Return the order and the joint poses at the stops, rounded to half a radian or metre."""
-    if solved.cell is None:
-        return None
-    motion: Motion = solved.cell.motion
-    q = motion.sample([mark.time for mark in motion.marks]).q
-    return motion.provenance.get("order"), np.round(q / 0.5).tolist()
+def _changes(one: Solved, other: Solved) -> bool:
+    """Return True if the order or the branches at the stops of two motions differ."""
+    assert one.cell is not None
+    assert other.cell is not None
+    motions = one.cell.motion, other.cell.motion
+    orders = [motion.provenance.get("order") for motion in motions]
+    poses = [motion.sample([mark.time for mark in motion.marks]).q for motion in motions]
+    return orders[0] != orders[1] or float(np.abs(poses[0] - poses[1]).max()) > APART

@@ -118,6 +118,8 @@ class LayoutSearch:
     quantities : tuple of Quantity, d
     settings : DesignSettings
     progress : StepProgress
+    held : array [d] of bool
+        True for quantities without effect, which stay as they are.
     """
 
     cell: CellFile
@@ -126,6 +128,7 @@ class LayoutSearch:
     progress: StepProgress
     nodes: list[Node] = field(default_factory=list)
     solved: list[Solved] = field(default_factory=list)
+    held: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
     _looks: dict[bytes, tuple[Node, FloatArray]] = field(init=False, default_factory=dict)
 
     @property
@@ -203,7 +206,7 @@ class LayoutSearch:
         """Return the values of the nodes, evenly over the ranges."""
         count = len(self.quantities)
         if count <= 2:
-            line = NODES_A_LINE if count == 1 else int(np.sqrt(self.settings.nodes))
+            line = min(NODES_A_LINE, int(self.settings.nodes ** (1 / count)))
             shares = np.array(list(itertools.product(np.linspace(0.0, 1.0, line), repeat=count)))
         else:
             shares = quasi_random(self.settings.nodes, count, skip=1)
@@ -214,37 +217,51 @@ class LayoutSearch:
         pairs = zip(self.quantities, values.tolist(), strict=True)
         return ", ".join(f"{q.name} = {v:.4g} {q.unit}".rstrip() for q, v in pairs)
 
-    def refuse_without_effect(self) -> None:
-        """Raise InputError for a quantity that changes nothing.
+    def hold_without_effect(self) -> None:
+        """Keep the value of the given cell for each quantity without effect.
 
         It is varied alone from some nodes of the map: if neither the time from rest to rest nor the
         distances from obstacles on the way change, it has no effect.
+
+        Raises
+        ------
+        InputError
+            No quantity has an effect, or only the present value of one reaches all stops.
         """
         known = sorted(
             (node for node in self.nodes if np.isfinite(node.estimate)), key=lambda n: n.estimate
         )
         places = {0, len(known) // 2, len(known) - 1} if known else set()
-        middles = [known[k].values for k in sorted(places)]
+        middles = [(known[k].values, self._signature(known[k].values)) for k in sorted(places)]
         reached = np.array([node.values for node in self.nodes if not node.refusal])
+        held = np.zeros(len(self.quantities), dtype=bool)
         for k, quantity in enumerate(self.quantities):
             if np.all(reached[:, k] == quantity.start):
-                why = next(node.refusal for node in self.nodes if node.refusal)
-                raise InputError(
-                    f"no value of {quantity.name} but the present one reaches all stops in a map "
-                    f"of {len(self.nodes)} placements ({why}): leave it out, or give smaller bounds"
-                )
-            pairs = itertools.product(middles, (0.3, 0.85))
-            if known and not any(self._matters(k, *pair) for pair in pairs):
-                raise InputError(
-                    f"{quantity.name} is without effect on this cell, which takes as long with "
-                    "every value: leave it out"
-                )
+                why = self.look(self._with(reached[0], k, 0.85))[0].refusal
+                if why:
+                    raise InputError(
+                        f"no value of {quantity.name} but the present one reaches all stops in a "
+                        f"map of {len(self.nodes)} placements ({why}): leave it out, or give "
+                        "smaller bounds"
+                    )
+            held[k] = bool(middles) and all(
+                np.allclose(before, self._signature(self._with(v, k, share)), SAME, SAME)
+                for (v, before), share in itertools.product(middles, (0.3, 0.85))
+            )
+        if held.all():
+            names = " and ".join(quantity.name for quantity in self.quantities)
+            raise InputError(
+                f"{names}: without effect on this cell, which takes as long with every value"
+            )
+        self.held = held
+        self.nodes = [
+            replace(node, values=np.where(held, self.start, node.values)) for node in self.nodes
+        ]
 
-    def _matters(self, index: int, values: FloatArray, share: float) -> bool:
+    def _with(self, values: FloatArray, index: int, share: float) -> FloatArray:
         moved = values.copy()
         moved[index] = self.lower[index] + share * self.size[index]
-        before, after = self._signature(values), self._signature(moved)
-        return not np.allclose(before, after, rtol=SAME, atol=SAME)
+        return moved
 
     def _signature(self, values: FloatArray) -> tuple[float, float]:
         """Return estimate, s, and least clearance on the way, m; both -1 without a motion."""
@@ -357,7 +374,7 @@ class LayoutSearch:
         if solved.cell is None:
             return None
         by_unit = slopes(self.cell, self.quantities, solved.values, solved.cell.motion)
-        return None if by_unit is None else np.nan_to_num(by_unit * self.size)
+        return None if by_unit is None else np.nan_to_num(by_unit * self.size) * ~self.held
 
 
 def solved_with(cell: CellFile, quantities: Sequence[Quantity], values: FloatArray) -> Solved:
@@ -416,7 +433,7 @@ def _model_step(
     low, high = np.maximum(-radius, -place), np.minimum(radius, 1.0 - place)
     pace = 1.0 / max(float(np.linalg.norm(curvature, 2)), SAME)
     gains = []
-    for step in (np.where(slope > 0.0, low, high), np.zeros(place.size)):
+    for step in (np.where(slope > 0.0, low, high * (slope < 0.0)), np.zeros(place.size)):
         for _ in range(MODEL_ITERATIONS):
             step = np.clip(step - pace * (slope + curvature @ step), low, high)
         gains.append((float(-slope @ step - 0.5 * step @ curvature @ step), step))

@@ -25,21 +25,23 @@ def design(design: Design, axes: GivenAxes | None = None) -> AxesGrid:
     -------
     AxesGrid [1] or [d]
         Two quantities share a panel, coloured by the time from rest to rest; else each has a panel
-        with the times over it. Crosses have no motion; dots are solves; the start is a square, the
-        end a star.
+        with the times over it. Quantities without effect are left out. Crosses have no motion; dots
+        are solves; the start is a square, the end a star.
     """
-    two = len(design.quantities) == 2
-    count = 1 if two else len(design.quantities)
+    shown = [k for k, worth in enumerate(design.worth) if not worth.idle]
+    two = len(shown) == 2
+    count = 1 if two else len(shown)
     size = (STYLE.page[0], 2.2 * STYLE.row if two else 1.5 * STYLE.row)
     page = axes_page(axes, 1, count, size=size, title="time over the free quantities")
     panels = page.axes.ravel().view(AxesGrid)
-    looks = np.array([node.values for node in design.nodes])
+    looks = np.array([node.values[shown] for node in design.nodes])
     times = np.array([node.estimate for node in design.nodes])
-    solves = np.array([solved.values for solved in design.solved])
-    labels = [f"{q.name} [{q.unit}]" if q.unit else q.name for q in design.quantities]
-    start = np.array([quantity.start for quantity in design.quantities])
+    solves = np.array([solved.values[shown] for solved in design.solved])
+    quantities, best = [design.quantities[k] for k in shown], design.values[shown]
+    labels = [f"{q.name} [{q.unit}]" if q.unit else q.name for q in quantities]
+    start = np.array([quantity.start for quantity in quantities])
     if two:
-        _plane(panels[0], looks, times, solves, np.array([start, design.values]))
+        _plane(panels[0], looks, times, solves, np.array([start, best]))
         panels[0].set(xlabel=labels[0], ylabel=labels[1])
         return panels
     periods = [solved.period for solved in design.solved]
@@ -48,7 +50,7 @@ def design(design: Design, axes: GivenAxes | None = None) -> AxesGrid:
         panel.plot(solves[:, k], periods, ".", color="C0", label="solved")
         if design.before is not None:
             panel.plot(start[k], design.period_before, "s", color="C1", label="before")
-        panel.plot(design.values[k], design.period, "*", color="C3", markersize=12, label="after")
+        panel.plot(best[k], design.period, "*", color="C3", markersize=12, label="after")
         panel.set(xlabel=labels[k], ylabel="duration [s]")
     panels[0].legend()
     return panels
