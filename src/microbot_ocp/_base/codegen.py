@@ -291,8 +291,7 @@ def _compiled(
             if text is None:
                 library_of = dict(_libraries(given, cc))
             else:
-                further = interpreter.FLAGS
-                library = build_library(text, interpreter.NAME, cc, "-O3", further=further)
+                library = build_library(text, interpreter.NAME, cc, "-O1", objects=[_loops(cc)])
                 library_of = dict.fromkeys(names, library)
             return {_external(name, library_of[name]): library_of[name] for name in names}
         except (OSError, subprocess.SubprocessError, RuntimeError) as failure:
@@ -300,6 +299,14 @@ def _compiled(
     message = f"not compiled: {shortened(', '.join(names), 60)} ({problem})"
     warnings.warn(f"{message}; CasADi's virtual machine runs instead", NotCompiled, stacklevel=4)
     return None
+
+
+def _loops(cc: str) -> Path:
+    """Return the compiled interpreter, which is linked to the tables of functions."""
+    flags = (*interpreter.FLAGS, "-c")
+    return build_library(
+        interpreter.interpreter_text(), "loops", cc, "-O3", further=flags, suffix=".o"
+    )
 
 
 def _libraries(given: Sequence[ca.Function], cc: str) -> Iterator[tuple[str, Path]]:
@@ -359,6 +366,7 @@ def build_library(
     optimization: str,
     *,
     further: Sequence[str] = (),
+    objects: Sequence[Path] = (),
     suffix: str = ".so",
     serves: str = "",
     recipe: str = "",
@@ -376,6 +384,8 @@ def build_library(
         Compiler, and "-O0" to "-O3".
     further : sequence of str
         More flags of the compiler.
+    objects : sequence of Path
+        Compiled text from the cache that is linked to the library.
     suffix : str
         End of the library's name.
     serves : str
@@ -392,7 +402,9 @@ def build_library(
         the cache does not have the library.
     """
     flags = (optimization, *FLAGS, *further)
-    identity = repr((recipe or source, cc, flags, NATIVE, processor(), serves))
+    identity = repr(
+        (recipe or source, cc, flags, NATIVE, processor(), serves, [path.name for path in objects])
+    )
     key = hashlib.sha256(identity.encode()).hexdigest()[:24]
     folder = usable_folder()
     library = folder / f"{stem}_{key}{suffix}"
@@ -404,7 +416,7 @@ def build_library(
         work.mkdir(mode=0o700)
         text, compiled = work / "function.c", work / "function.so"
         text.write_text(source if isinstance(source, str) else source())
-        rest = [*flags, str(text), "-o", str(compiled), "-lm"]
+        rest = [*flags, str(text), *map(str, objects), "-o", str(compiled), "-lm"]
         messages = work / "messages"
         # A compiler that rejects the flag of the processor gets a second call without it.
         status = _run([cc, NATIVE, *rest], messages) and _run([cc, *rest], messages)

@@ -1,14 +1,24 @@
 /* An interpreter of operation tables for blocks of columns. interpreter.py inserts a case for each
-   operation in use and appends the tables. In the work array the columns of one place are adjacent;
-   inputs and outputs are stored column after column, as in CasADi. Tables are string literals,
-   which a compiler reads ten times as fast as lists of numbers. */
+   operation; or it defines TABLES and appends tables, which are linked to the interpreter. In the
+   work array the columns of one place are adjacent; inputs and outputs are stored column after
+   column, as in CasADi. Tables are string literals, which a compiler reads ten times as fast as
+   lists of numbers. */
 
 #include <math.h>
 #include <stddef.h>
 
 typedef long long int casadi_int;
 typedef struct { unsigned short operation, to, of, and; } __attribute__((may_alias)) Operation;
+typedef void Interpreter(
+    const Operation* code, const Operation* end, const double* constants, const int* in,
+    const int* out, const double** arg, double** res, double* work);
+__attribute__((visibility("hidden"))) Interpreter interpret_1, interpret_block;
 
+/* Loads that cross a cache line take twice as long, so blocks begin at one. */
+#define ALIGNED(work) \
+  ((double*) (((size_t) (work) + ALIGNMENT * sizeof(double) - 1) & -(ALIGNMENT * sizeof(double))))
+
+#ifndef TABLES
 #define TRUTH(condition) ((condition) ? 1. : 0.)
 #define WHERE(condition, a, b) ((condition) ? (a) : (b))
 #define NOTHING 0.
@@ -17,10 +27,6 @@ typedef struct { unsigned short operation, to, of, and; } __attribute__((may_ali
 #define EACH_PAIR(f, a, b) f(a, b)
 #define SINE(a) sin(a)
 #define COSINE(a) cos(a)
-
-/* Loads that cross a cache line take twice as long, so blocks begin at one. */
-#define ALIGNED(work) \
-  ((double*) (((size_t) (work) + ALIGNMENT * sizeof(double) - 1) & -(ALIGNMENT * sizeof(double))))
 
 #define AT(place) (work + (long) columns * (place))
 #define EVERY(column) for (int column = 0; column < columns; column++)
@@ -71,15 +77,8 @@ static inline __attribute__((always_inline)) void interpret(
   }
 }
 
-#define SPARSITY(name, side, count, ...) \
-  casadi_int name##_n_##side(void) { return count; } \
-  const casadi_int* name##_sparsity_##side(casadi_int k) { \
-    static const casadi_int* const all[] = {__VA_ARGS__}; \
-    return all[k]; \
-  }
-
 #define INTERPRETER(name, columns) \
-  static __attribute__((noinline)) void name( \
+  __attribute__((noinline)) void name( \
       const Operation* code, const Operation* end, const double* constants, const int* in, \
       const int* out, const double** arg, double** res, double* work) { \
     interpret(columns, code, end, constants, in, out, arg, res, work); \
@@ -102,6 +101,15 @@ void interpret_rows(
   for (long k = 0; k < outputs; k++) res[k] -= rows * out[k];
 }
 
+#else
+
+#define SPARSITY(name, side, count, ...) \
+  casadi_int name##_n_##side(void) { return count; } \
+  const casadi_int* name##_sparsity_##side(casadi_int k) { \
+    static const casadi_int* const all[] = {__VA_ARGS__}; \
+    return all[k]; \
+  }
+
 #define FUNCTION(table, name, columns, inputs, outputs, places) \
   int name(const double** arg, double** res, casadi_int* iw, double* w, int mem) { \
     int end = 0; /* after the last operation of the requested outputs */ \
@@ -116,3 +124,4 @@ void interpret_rows(
     return 0; \
   }
 
+#endif

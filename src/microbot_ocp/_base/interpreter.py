@@ -5,13 +5,14 @@ seconds, and the processor fetches each instruction from memory. Here the operat
 short loop executes each for a block of columns, whose numbers are adjacent in memory, and combines
 a product with the sum that uses it. An operation on 32 columns takes 5 to 7 ns. Short functions are
 as fast as compiled ones, Hessians of six and seven joints 3 and 5 times as fast. The results have
-the bits of CasADi's virtual machine. The C compiler takes 0.2 to 0.6 s for all functions of a task.
+the bits of CasADi's virtual machine. The C compiler takes 1 s for the interpreter, once for all
+tasks, and 0.1 s for the tables of a task.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
@@ -71,7 +72,7 @@ class ManyColumns(ca.Function):
 
 
 def c_text(functions: Sequence[ca.Function]) -> str | None:
-    """Return C text of functions, for one column and for a block.
+    """Return C text of functions, for one column and for a block, without the interpreter.
 
     None if a function cannot be expanded into scalar operations or has an unknown one.
     """
@@ -79,16 +80,13 @@ def c_text(functions: Sequence[ca.Function]) -> str | None:
     interpreted = [with_products(table) for table in tables if table is not None]
     if len(interpreted) < len(tables):
         return None
-    used = {int(operation) for table in interpreted for operation in np.unique(table.code[:, 0])}
     definitions = map(_definitions, functions, interpreted)
-    return interpreter_text(used) + "".join(chain.from_iterable(definitions))
+    return "#define TABLES\n" + interpreter_text() + "".join(chain.from_iterable(definitions))
 
 
-def interpreter_text(used: Collection[int] = FORMULAS.keys()) -> str:
-    """Return the C text of an interpreter for these operations."""
-    cases = " ".join(
-        f"CASE({k}, {FORMULAS[k].format('x', 'y')})" for k in sorted(FORMULAS.keys() & used)
-    )
+def interpreter_text() -> str:
+    """Return the C text of the interpreter."""
+    cases = " ".join(f"CASE({k}, {FORMULAS[k].format('x', 'y')})" for k in sorted(FORMULAS))
     products = {name: FIRST_PRODUCT + k for k, name in enumerate(PRODUCTS)}
     numbers = {"COLUMNS": COLUMNS, "ALIGNMENT": ALIGNMENT, **MOVES, **products}
     names = "".join(f"#define {name} {number}\n" for name, number in numbers.items())
