@@ -487,3 +487,19 @@ def test_controls_tied_by_equations_stay_free_where_others_become_constant():
     assert tied.status.solved
     assert tied.cost == pytest.approx(free.cost, rel=2e-4)
     assert tied.phases[0].laid_out.phase.shaped("polynomial")
+
+
+@pytest.mark.slow
+def test_a_control_with_limits_becomes_constant_where_one_without_follows_from_it():
+    problem = OptimalControlProblem("singular regulator")
+    phase = problem.phase("calm", 5.0)
+    x, v = phase.state("x", initial=0.0), phase.state("v", initial=1.0)
+    u, total = phase.control("u", lower=-1.0, upper=1.0), phase.control("total")
+    phase.constraint("total", total - (u - 0.1 * ca.tanh(v)), 0.0, 0.0)
+    phase.derivative(x, v)
+    phase.derivative(v, total + 0.1 * ca.tanh(v))
+    phase.running_cost(x**2 + v**2)
+    solution = solve(problem)
+    assert solution.status.solved
+    assert BY_NAME["luus_singular_3"].error(solution.cost) < 1e-4
+    assert not any("Missing" in row.sentence for row in solution.rows)

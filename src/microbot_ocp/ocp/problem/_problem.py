@@ -468,19 +468,24 @@ def with_shapes(
 def tied_controls(phase: Phase) -> set[str]:
     """Return controls that constraints with equal bounds determine, one for each equation.
 
-    Such a control follows states or time all along an interval. None are returned where the
-    equations do not have full structural rank by the controls.
+    Such a control follows states or time all along an interval; controls without limits come
+    first, because limits shorten what the other controls do if these are constant in their place.
+    None are returned where the equations do not have full structural rank by the controls.
     """
     moving = ca.vertcat(phase.time, *(v.symbol for v in (*phase.states, *phase.shaped("linear"))))
     controls = ca.vertcat(*(c.symbol for c in phase.controls), ca.MX(0, 1))
     parts = [c.expression for c in phase.constraints if (c.lower == c.upper).all()]
     equations = ca.vertcat(*(k for k in parts if ca.depends_on(k, controls)), ca.MX(0, 1))
-    slopes = ca.jacobian_sparsity(equations, controls)
+    slopes = ca.DM(ca.jacobian_sparsity(equations, controls), 1.0)
     if not ca.depends_on(equations, moving) or ca.sprank(slopes) < slopes.size1():
         return set()
-    _, _, columns, _, _, _, blocks = slopes.btf()  # columns without an equation are the last block
-    owners = [c.name for c in phase.controls for _ in range(c.size)]
-    return {owners[column] for column in columns[: blocks[-2]]}
+    owners = [c for c in phase.controls for _ in range(c.size)]
+    limited = np.concatenate([np.isfinite(c.lower) | np.isfinite(c.upper) for c in phase.controls])
+    tied: list[int] = []
+    for column in np.argsort(limited, kind="stable"):
+        if ca.sprank(slopes[:, [*tied, int(column)]]) > len(tied):
+            tied.append(int(column))
+    return {owners[column].name for column in tied}
 
 
 def with_phases(problem: OptimalControlProblem, phases: Iterable[Phase]) -> OptimalControlProblem:

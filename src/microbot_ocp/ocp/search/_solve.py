@@ -378,12 +378,13 @@ def _finished(task: SolveTask, way: str, solution: Solution, start: Start) -> tu
     remarks = [k for k in (first, solution.several) if k]
     if solution.status.solved:
         solution = solution.remarked(*remarks)
-    chatters = solution.status in CONVERGED and _may_chatter(task.problem, solution)
+    known = solution
+    chatters = known.status in CONVERGED and _may_chatter(task.problem, known)
     solution, final = task.judged(solution, start.context, patient=not chatters)
     if solution.status in UNSETTLED and _may_chatter(task.problem, solution):
         constant, final = _with_constant_controls(task, solution)
         if constant is not solution:
-            return constant, final
+            return constant.with_rivals_of(known), final
         if chatters and solution.status is Status.NO_PROGRESS:
             again, final = task.judged(solution.ended(Status.SOLVED, *remarks), start.context)
             history = (*solution.history[:-1], *again.history)
@@ -469,7 +470,7 @@ def _with_constant_controls(task: SolveTask, before: Solution) -> tuple[Solution
     if solved is None:
         return before, False
     remark = f"With polynomial controls the cost does not settle: {CONSTANT}."
-    return answer.remarked(remark).with_rivals_of(before), final
+    return answer.remarked(remark), final
 
 
 # strategies ---------------------------------------------------------------------------------------
