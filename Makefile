@@ -70,7 +70,7 @@ test-all: test-environment
 	@$(BIN)/python -m pytest -n 2 --dist worksteal
 
 test-fast: test-environment
-	@$(BIN)/python -m pytest -n 2 --dist worksteal -m 'not slow' tests
+	@$(BIN)/python -m pytest -n 2 --dist worksteal -m 'not slow and not thorough' tests
 
 # Cases at random, from where the record of the last run ends, then those that atheris chooses by the
 # lines that they reach.

@@ -223,6 +223,7 @@ def test_files_that_a_page_names_exist(page: Path) -> None:
     assert [name for name in named if not any((home / name).exists() for home in homes)] == []
 
 
+@pytest.mark.pages
 def test_the_import_diagram_is_that_of_the_source() -> None:
     drawn = make_import_diagram.svg(make_import_diagram.loaded())
     assert make_import_diagram.TARGET.read_text("utf-8") == drawn, "run docs/make_import_diagram.py"

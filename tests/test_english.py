@@ -8,7 +8,7 @@ import re
 import tokenize
 import tomllib
 from collections.abc import Iterator
-from itertools import chain
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -40,18 +40,28 @@ VAGUE = re.compile(r"\b(the same|then|of these)\b", re.IGNORECASE)
 def comments(text: str) -> Iterator[tuple[int, str]]:
     """Yield line and text of each comment; of consecutive whole lines only the first."""
     below = 0
-    for token in tokenize.generate_tokens(io.StringIO(text).readline):
-        if token.type == tokenize.COMMENT:
-            line, column = token.start
-            alone = not token.line[:column].strip()
-            if not (alone and line == below):
-                yield line, token.string
-            below = line + 1 if alone else 0
+    for token in comment_tokens(text):
+        line, column = token.start
+        alone = not token.line[:column].strip()
+        if not (alone and line == below):
+            yield line, token.string
+        below = line + 1 if alone else 0
+
+
+@cache
+def comment_tokens(text: str) -> list[tokenize.TokenInfo]:
+    tokens = tokenize.generate_tokens(io.StringIO(text).readline)
+    return [token for token in tokens if token.type == tokenize.COMMENT]
+
+
+@cache
+def tree_of(text: str) -> ast.Module:
+    return ast.parse(text)
 
 
 def docstrings(text: str) -> Iterator[tuple[Documented, str]]:
     """Yield each module, class and function that has a docstring, with the docstring."""
-    for node in ast.walk(ast.parse(text)):
+    for node in ast.walk(tree_of(text)):
         if isinstance(node, Documented) and (docstring := ast.get_docstring(node)):
             yield node, docstring
 
@@ -93,10 +103,7 @@ def test_prose_is_sentences(path: Path) -> None:
 def test_prose_names_its_nouns(folder: Path) -> None:
     texts = [path.read_text() for path in MODULES if path.parent == folder]
     prose = [docstring for text in texts for _, docstring in docstrings(text)]
-    tokens = chain.from_iterable(
-        tokenize.generate_tokens(io.StringIO(text).readline) for text in texts
-    )
-    prose += [token.string for token in tokens if token.type == tokenize.COMMENT]
+    prose += [token.string for text in texts for token in comment_tokens(text)]
     assert not too_often("\n".join(prose))
 
 

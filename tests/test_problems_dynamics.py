@@ -124,6 +124,7 @@ def test_bad_input_ends_with_2_and_one_line(script, tmp_path):
     assert len(done.stderr.splitlines()) == 1
 
 
+@pytest.mark.thorough
 def test_a_bad_gain_and_a_bad_folder(tmp_path):
     done = run("06_computed_torque.py", "--out", str(tmp_path), "--kp", "-1")
     assert done.returncode == 2

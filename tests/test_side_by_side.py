@@ -15,6 +15,7 @@ FORMS = ROOT / "benchmarks" / "cops_arm"
 BENCHMARK = runpy.run_path(str(FORMS / "__init__.py"))
 
 
+@pytest.mark.thorough
 def test_ours_is_short_has_no_indices_and_meets_the_published_time(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

@@ -26,6 +26,7 @@ def test_a_motion_that_leaves_a_table_is_not_certified(kind):
     assert "derating is read at -1.57" in certificate.verdict
 
 
+@pytest.mark.thorough
 def test_within_the_table_it_is():
     near = mo.Limit("use", lambda k: k.qd[0] / SPEEDS(k.q[0] / 10.0), lower=-1.0, upper=1.0)
     robot = mo.load_robot("microbot").with_limits(also=[near])

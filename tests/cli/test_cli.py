@@ -719,7 +719,11 @@ def test_a_refusal_in_a_process(program):
 
 @pytest.mark.skipif(os.name != "posix", reason="closes streams as a shell does")
 @pytest.mark.parametrize(
-    ("shell", "reason"), [(">&-", "bad file descriptor"), (">/dev/full", "no space left on device")]
+    ("shell", "reason"),
+    [
+        pytest.param(">&-", "bad file descriptor", marks=pytest.mark.thorough),
+        (">/dev/full", "no space left on device"),
+    ],
 )
 def test_an_output_that_is_closed_or_full(program, shell, reason):
     if shell.endswith("full") and not Path("/dev/full").exists():

@@ -60,6 +60,7 @@ def test_libfranka_leaves_what_is_exported_as_it_is(panda, profile, seed):
     assert abs(jerk.time - command.rows.t[middle]) < 0.004
 
 
+@pytest.mark.thorough
 def test_torques_that_jump_are_rounded_off_rather_than_slowed_down(panda):
     """A cubic, whose acceleration jumps at its ends, planned without torque rates."""
     share = np.random.default_rng(1).uniform(0.2, 0.8, (2, panda.joint_count))

@@ -163,6 +163,7 @@ def test_what_is_no_reserve(microbot, call, message):
         call(microbot)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("mass", "bound"),

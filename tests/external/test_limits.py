@@ -56,7 +56,13 @@ def ruckig_duration(distance, velocity, acceleration, jerk):
 TASKS = [
     ([1.0], [0.8], [2.0], [10.0]),  # all limits met
     ([0.2], [0.8], [2.0], [10.0]),  # neither top speed nor top acceleration
-    ([1.0, 0.4, -0.7], [1.0, 0.5, 2.0], [2.0, 3.0, 1.5], [12.0, 9.0, 20.0]),
+    pytest.param(
+        [1.0, 0.4, -0.7],
+        [1.0, 0.5, 2.0],
+        [2.0, 3.0, 1.5],
+        [12.0, 9.0, 20.0],
+        marks=pytest.mark.thorough,
+    ),
 ]
 
 

@@ -90,6 +90,7 @@ def options(**changed: object) -> argparse.Namespace:
     )
 
 
+@pytest.mark.thorough
 def test_a_child_says_what_it_found():
     smooth = options(scheme="radau", controls="polynomial")  # as exact as no other shape
     found = runner.run_child("breakwell", "solve", smooth)
@@ -98,6 +99,7 @@ def test_a_child_says_what_it_found():
     assert found["iterations"] > 0
 
 
+@pytest.mark.thorough
 def test_a_child_that_does_not_end_is_a_timeout():
     found = runner.run_child("cracking", "peer", options(limit=1, mesh=3000))
     assert found["status"] == runner.TIMEOUT

@@ -16,7 +16,7 @@ from microbot_ocp.robot import Mounting
 from microbot_ocp.tasks import CellFile, read_cell
 
 FASTER = np.array([2.0, 3.0])  # m/s^2, of the gantry's axes
-QUICK = TimeOptimalSettings(mesh=20, starts=1)
+QUICK = TimeOptimalSettings(mesh=20, starts=1, compiled=False)
 
 
 def gantry():
@@ -40,6 +40,7 @@ def cell_of(robot, stops, **more):
     return CellFile("task", robot, tuple(stops), robot.limits, settings=QUICK, **more)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_the_best_turn_of_a_gantry_is_a_kink_in_closed_form():
     settings = DesignSettings(solves=8, starts=1)
@@ -211,6 +212,7 @@ def test_a_quantity_without_effect_beside_another_stays_as_it_is():
     assert found.plot().ravel()[0].get_xlabel() == "base.x [m]"
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_a_turn_of_the_base_has_an_effect_beside_a_joint_pose():
     home = mo.Stop(q=[1.5, 1.0], name="home")
@@ -308,7 +310,7 @@ def test_a_saved_design_is_the_cell_with_the_new_numbers(tmp_path):
     (tmp_path / "new").mkdir()
     file = tmp_path / "cell.toml"
     text = TEXT.replace('[[segment]]\nafter = "pick"\nkind = "line"\n', "")
-    file.write_text(text + "[settings]\nmesh = 20\nstarts = 1\n")
+    file.write_text(text + "[settings]\nmesh = 20\nstarts = 1\ncompiled = false\n")
     mo.save_robot(mo.load_robot("planar_2r"), tmp_path / "arm.toml")
     file.write_text(file.read_text().replace('"planar_2r"', '"arm.toml"'))
     free, bounds = ["base.x", "stops.place it.y"], {"stops.place it.y": (-0.35, -0.25)}

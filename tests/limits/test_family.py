@@ -240,7 +240,7 @@ def plain():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "kind",
-    [pytest.param(kind, marks=pytest.mark.thorough if kind in LONG else ()) for kind in FURTHER],
+    [pytest.param(kind, marks=() if kind == "own" else pytest.mark.thorough) for kind in FURTHER],
 )
 def test_free_motions_keep_it_and_certificates_judge_it(kind, plain):
     robot = MICROBOT.with_limits(**FURTHER[kind])
@@ -324,7 +324,8 @@ def test_a_prepared_solver_takes_other_numbers_and_refuses_other_expressions():
     robot = two_link_arm(1.0, 0.8).with_limits(
         tau_max=[60.0, 25.0], qd_max=3.0, also=[mo.limits.tool_speed(2.0)]
     )
-    solver = mo.TimeOptimalSolver(robot, [[0.0, 0.3], [1.2, -0.6]], mesh=10, starts=1)
+    via_q, settings = [[0.0, 0.3], [1.2, -0.6]], {"mesh": 10, "starts": 1, "compiled": False}
+    solver = mo.TimeOptimalSolver(robot, via_q, **settings)
     slower = robot.with_limits(also=[mo.limits.tool_speed(1.0)])
     assert solver(slower.limits).duration > solver().duration
     other = robot.with_limits(also=[mo.Limit("tool speed", lambda s: s.qd[0], upper=1.0)])

@@ -71,6 +71,7 @@ def test_of_via_points(program, joint):
         assert found["via"][point][joint] == pytest.approx(slope, rel=0.01, abs=1e-5)
 
 
+@pytest.mark.thorough
 def test_of_the_payload(solver):
     slopes = solver(payload=0.5).sensitivities(solver.robot, 0.5)
     step = 0.01

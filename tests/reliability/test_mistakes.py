@@ -228,6 +228,7 @@ def test_what_cannot_be_solved_names_explain() -> None:
     assert "explain(" in ocp.solve(cart(longest=1.0), mesh=10).advice
 
 
+@pytest.mark.thorough
 def test_a_failed_verification_names_the_accuracy() -> None:
     problem = ocp.OptimalControlProblem("pendulum")
     phase = problem.phase("swing", duration=3.0)

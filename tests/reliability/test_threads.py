@@ -269,7 +269,7 @@ LONGER = ("certify", "shortest_duration", "TimeOptimalSolver")
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.slow if n in LONGER else ()) for n in QUICK]
+    "name", [pytest.param(n, marks=pytest.mark.thorough if n in LONGER else ()) for n in QUICK]
 )
 def test_threads_get_the_answers_of_one(name):
     assert from_threads(QUICK[name], 3 if name in LONGER else 6, different=2) == 0

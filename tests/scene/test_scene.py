@@ -541,6 +541,7 @@ def test_the_fastest_is_returned_where_less_time_is_allowed() -> None:
     assert motion.provenance["clearance"]["proved"]
 
 
+@pytest.mark.thorough
 def test_a_part_keeps_clear_from_the_stop_on_at_which_it_is_picked(around: mo.Motion) -> None:
     part = mo.Payload(0.1, shape={"start": [0, 0, 0], "end": [0.25, 0, 0], "radius": 0.08})
     stops = [mo.Stop(q=ENDS[0], payload=part), mo.Stop(q=ENDS[1])]

@@ -50,6 +50,7 @@ def test_links_of_overlapping_capsules_are_judged_by_their_surfaces() -> None:
     assert folded.minimum <= 1e-6
 
 
+@pytest.mark.thorough
 def test_ends_whose_capsules_touch_though_the_links_do_not_are_no_refusal() -> None:
     robot = plates().with_limits(qd_max=[2.0] * 3, qdd_max=[5.0] * 3)
     post = mo.Scene([mo.Cylinder(0.03, 1.0, [0.76, 0.0, 0.0], "post")])

@@ -174,6 +174,7 @@ def test_motions_come_back_from_their_files(saved, comparison):
         assert again.solved
 
 
+@pytest.mark.thorough
 def test_a_stored_torque_drives_the_arm_to_its_end(microbot, saved):
     """Nothing but the arrays of the file, an integrator of scipy and the arm's own equations."""
     with np.load(saved / "motions" / "time_optimal.npz", allow_pickle=False) as stored:
@@ -293,6 +294,7 @@ def test_methods_of_given_times_are_left_out_where_none_are_given():
     ]
 
 
+@pytest.mark.thorough
 def test_the_textbook_has_the_best_split_of_its_times(microbot):
     """Whatever times are given; what was assumed is said."""
     names = ["cubic_textbook", "lspb_textbook"]
@@ -312,6 +314,7 @@ def test_the_textbook_has_the_best_split_of_its_times(microbot):
     assert "blends of 0.60" in lspb.note
 
 
+@pytest.mark.thorough
 def test_a_full_stop_by_craigs_heuristic_is_said(microbot):
     """Where every joint turns back at a via point."""
     via_q = np.radians([[0, 0, 0], [20, 60, -30], [-60, 30, 80], [-70, 20, 90]])
@@ -382,6 +385,7 @@ def test_a_table_has_what_a_controller_and_other_arms_cost(microbot):
         mo.compare(microbot, [[0, 0, 0], [0.5, 0.4, 0.3]], ["cubic"], profile="nothing")
 
 
+@pytest.mark.thorough
 def test_velocities_of_a_sliding_and_a_turning_joint_have_their_units() -> None:
     arm = mo.Robot.from_dh([0, 0], [0, 1], [0, 0], joint_type=["prismatic", "revolute"])
     arm = arm.with_limits(q_min=-2, q_max=2, qd_max=1.0)

@@ -80,8 +80,8 @@ def test_a_tool_line_has_the_profile_along_its_length(jerk):
 
 
 def test_it_is_never_faster_than_the_plan(microbot):
-    via = np.radians([[0, 0, 0], [20, 60, -30], [-8, 45, 30], [-90, 90, 90]])
+    via = np.radians([[0, 0, 0], [20, 60, -30], [-8, 45, 30]])
     stops = [mo.Stop(q=q) for q in via]
     stops[1] = mo.Stop(q=via[1], payload=1.0)
-    motion = mo.time_optimal(microbot, stops, mesh=20, starts=1)
+    motion = mo.time_optimal(microbot, stops, mesh=10, starts=1)
     assert motion.duration < controller_duration(task_of(microbot, stops), motion)

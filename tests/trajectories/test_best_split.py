@@ -54,7 +54,7 @@ def random_via(robot, count, seed):
     return low + (high - low) * share
 
 
-@pytest.mark.parametrize("count", [2, 3, 5, 40])
+@pytest.mark.parametrize("count", [2, 3, 5, pytest.param(40, marks=pytest.mark.thorough)])
 def test_to_and_fro_takes_the_sum_of_its_ways(count):
     """Craig's heuristic stops where a joint turns back: each way takes its own shortest time."""
     ways = np.linspace(0.3, 1.7, count - 1)
@@ -67,7 +67,9 @@ def test_to_and_fro_takes_the_sum_of_its_ways(count):
     assert strong.duration == strong.polynomial.duration == pytest.approx(strong.split.sum())
 
 
-@pytest.mark.parametrize("make", [cubic, lambda via_q: lspb(via_q, 0.25)])
+@pytest.mark.parametrize(
+    "make", [cubic, pytest.param(lambda via_q: lspb(via_q, 0.25), marks=pytest.mark.thorough)]
+)
 def test_the_report_poses_against_a_grid_of_splits(microbot, make):
     found = best(microbot, make(VIA_Q), VIA_Q)
     grid = [duration(microbot, make(VIA_Q), [x, 1 - x]) for x in np.linspace(0.3, 0.7, 41)]
@@ -81,14 +83,14 @@ def test_the_report_poses_against_a_grid_of_splits(microbot, make):
 @pytest.mark.parametrize(
     "name",
     [
-        "ur5e",
+        "planar_3r",
         *(
             pytest.param(n, marks=pytest.mark.thorough)
-            for n in ("planar_3r", "stanford", "panda", "puma560")
+            for n in ("ur5e", "stanford", "panda", "puma560")
         ),
     ],
 )
-@pytest.mark.parametrize("shape", ["cubic", "quintic"])
+@pytest.mark.parametrize("shape", ["cubic", pytest.param("quintic", marks=pytest.mark.thorough)])
 def test_three_points_against_a_grid_of_splits(name, shape):
     robot = mo.load_robot(name) if shape == "quintic" else arm(name)
     via_q = random_via(robot, 3, 4)
@@ -100,6 +102,7 @@ def test_three_points_against_a_grid_of_splits(name, shape):
     assert best(robot, make, via_q).duration < min(grid) * (1 + 1e-4)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "count"),
@@ -119,6 +122,7 @@ def test_no_change_of_the_split_is_faster(name, count):
             assert duration(robot, cubic(via_q), split) > found.duration * (1 - 1e-3)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 @settings(max_examples=4, deadline=None)
 @given(st.integers(0, 10_000), st.integers(3, 9), st.sampled_from(["microbot", "puma560", "ur5e"]))
@@ -145,7 +149,7 @@ def test_a_split_that_leaves_the_position_limits_is_led_back():
 @pytest.mark.parametrize(
     "limits",
     [
-        {"also": (mo.limits.tool_speed(upper=2.0),)},
+        pytest.param({"also": (mo.limits.tool_speed(upper=2.0),)}, marks=pytest.mark.thorough),
         pytest.param({"also": (mo.limits.power(upper=300.0),)}, marks=pytest.mark.thorough),
         {"qdd_max": 3.0, "qd_max": np.inf},
         {"tau_max": ([-300, -250, -120], [200, 400, 180])},

@@ -37,6 +37,7 @@ def shortest(robot, shape):
         return np.inf
 
 
+@pytest.mark.thorough
 def test_the_report_poses_take_what_somebody_else_found(microbot):
     """A cubic of 2.0737 s for the poses of the report, one of 2.1277 s for those of README."""
     given = mo.cubic(
@@ -97,7 +98,9 @@ def test_no_search_from_everywhere_finds_a_faster_cubic(name, via_q):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", [mo.best_cubic, mo.best_lspb])
+@pytest.mark.parametrize(
+    "kind", [mo.best_cubic, pytest.param(mo.best_lspb, marks=pytest.mark.thorough)]
+)
 @pytest.mark.parametrize(
     ("name", "count"), [("microbot", 3), pytest.param("puma560", 4, marks=pytest.mark.thorough)]
 )
@@ -154,13 +157,15 @@ def test_a_joint_that_goes_straight_on_passes_a_via_point_as_if_it_were_none(pla
         ),
     ],
 )
-def test_any_limit_and_a_payload_are_kept(microbot, limits):
+@pytest.mark.parametrize(
+    "kind", [mo.best_cubic, pytest.param(mo.best_lspb, marks=pytest.mark.thorough)]
+)
+def test_any_limit_and_a_payload_are_kept(microbot, limits, kind):
     robot = microbot.with_payload(0.5).with_limits(**limits)
-    for kind in (mo.best_cubic, mo.best_lspb):
-        found = kind(robot, REPORT)
-        motion = mo.Motion.from_polynomial(robot, found.polynomial, label="best")
-        assert mo.certify(robot, motion, via_q=REPORT).ok
-        assert found.utilisation == pytest.approx(1.0, abs=1e-7)
+    found = kind(robot, REPORT)
+    motion = mo.Motion.from_polynomial(robot, found.polynomial, label="best")
+    assert mo.certify(robot, motion, via_q=REPORT).ok
+    assert found.utilisation == pytest.approx(1.0, abs=1e-7)
 
 
 def test_limits_of_the_call_and_a_time_limit(microbot):

@@ -79,12 +79,15 @@ def test_all_joints_have_a_column_each(robot, drawn):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("quantities", [("q",), ("error", "tau")])
+@pytest.mark.parametrize(
+    "quantities", [("q",), pytest.param(("error", "tau"), marks=pytest.mark.thorough)]
+)
 def test_nothing_is_outside_the_page(robot, drawn, quantities):
     assert_all_on_the_page(curves(robot, drawn, quantities, title="a title").figure)
     assert_all_on_the_page(curves(robot, drawn, quantities, joints=[0]).figure)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_seven_joints_have_a_row_each_and_the_grid_is_the_same_way_round():
     arm = mo.load_robot("panda")

@@ -77,6 +77,7 @@ def test_a_torque_rate_has_a_panel_for_each_joint_where_it_is_limited(robot, mot
     np.testing.assert_allclose(y[inside], slope[inside], rtol=1e-3, atol=1.0)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_other_layouts_and_axes_of_the_caller(robot, motion):
     alone = motion.plot(robot, quantities=["tool_speed"])
@@ -148,6 +149,7 @@ def test_it_has_a_lane_where_it_is_used_up(robot, motion, speed):
     assert_all_on_the_page(axes.figure)
 
 
+@pytest.mark.thorough
 def test_a_comparison_has_a_column_for_it(comparison, tmp_path):
     table = comparison.table()
     assert "peak tool speed [%]" in table.heads

@@ -48,6 +48,7 @@ def test_comparison_with_a_failed_method(comparison: Comparison) -> Figure:
     return mo.plots.comparison(comparison).figure
 
 
+@pytest.mark.thorough
 @pictured
 def test_paths(comparison: Comparison) -> Figure:
     return mo.plots.paths(comparison).figure
@@ -109,6 +110,7 @@ def test_phase_plane(comparison: Comparison) -> Figure:
     return mo.plots.figure_of(axes)
 
 
+@pytest.mark.thorough
 @pictured
 def test_solution_of_the_least_effort() -> Figure:
     """From rest to rest in 1 s: u = 6 - 12 t."""

@@ -21,6 +21,7 @@ def motion(robot):
     return mo.Motion.from_polynomial(robot, shape, label="a $ sign", step=0.1)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_axes_show_their_figure_in_a_notebook(robot, motion):
     grid = motion.plot(robot)

@@ -10,6 +10,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 import microbot_ocp as mo
+from helpers import sampled
 from microbot_ocp.motion import Outcome
 from microbot_ocp.robot import Limits
 from microbot_ocp.views import plots
@@ -167,7 +168,7 @@ def test_paths_views(comparison, paths):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("make", [plots.comparison, plots.paths])
+@pytest.mark.parametrize("make", sampled([plots.paths, plots.comparison], 2))
 def test_nothing_is_outside_the_page(comparison, make):
     figure = make(comparison).figure
     figure.canvas.draw()
@@ -180,7 +181,7 @@ def test_nothing_is_outside_the_page(comparison, make):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("make", [plots.comparison, plots.paths])
+@pytest.mark.parametrize("make", sampled([plots.paths, plots.comparison], 2))
 def test_without_any_motion_or_limit(comparison, make):
     nothing = replace(comparison, entries=comparison.entries[3:], limits=Limits().for_joints(3))
     figure = make(nothing).figure

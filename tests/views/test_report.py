@@ -65,6 +65,7 @@ def test_fewer_methods_or_no_limits(comparison, names):
     assert "Limits of torque: none" in words(report_figure(fewer, footer=""))
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_one_page_of_vectors(comparison, tmp_path):
     path = comparison.report(tmp_path / "report.pdf")

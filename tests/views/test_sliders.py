@@ -57,6 +57,7 @@ def test_a_moved_slider_solves_the_task_under_its_limits(at_rest, robot):
     assert (picture(at_rest) != pixels).any()
 
 
+@pytest.mark.thorough
 def test_the_payload_is_part_of_the_robot(at_rest, robot):
     light = at_rest.motion.duration
     at_rest.payload.value = 1.0
@@ -97,6 +98,7 @@ def test_a_solver_that_fails_is_told(at_rest, monkeypatch):
     assert at_rest.message == "not solved: RuntimeError: no memory"
 
 
+@pytest.mark.thorough
 def test_a_burst_of_moves_does_not_queue_up(at_rest):
     before = at_rest.solves
     for share in range(99, 69, -1):

@@ -61,7 +61,7 @@ def test_a_switch_is_found_where_dynamics_depend_on_the_time():
     ("name", "mesh", "before"),
     [
         ("van_der_pol_time", 20, 1e-4),
-        ("pendulum", 40, 1e-3),
+        pytest.param("pendulum", 40, 1e-3, marks=pytest.mark.thorough),
         pytest.param("cart_pole", 40, 1e-3, marks=pytest.mark.thorough),
         pytest.param("goddard_rocket", 20, 2e-7, marks=pytest.mark.thorough),
     ],

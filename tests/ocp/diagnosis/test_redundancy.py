@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from helpers import sampled
 from microbot_ocp import InputError
 from microbot_ocp.ocp import OptimalControlProblem, solve, verify
 
@@ -22,6 +23,7 @@ def bounce(**start):
     return problem
 
 
+@pytest.mark.thorough
 def test_a_link_and_the_ends_that_it_ties():
     solution = solve(bounce(initial=0.0))
     assert solution.solved
@@ -63,7 +65,7 @@ TWICE = {
 }
 
 
-@pytest.mark.parametrize("kind", TWICE)
+@pytest.mark.parametrize("kind", sampled(TWICE, 3))
 def test_what_is_said_twice_is_solved_in_one_try(kind):
     problem = mover(TWICE[kind])
     solution = solve(problem, 8)

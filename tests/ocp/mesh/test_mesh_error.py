@@ -41,6 +41,7 @@ def test_what_a_scheme_integrates_exactly_has_no_error(scheme):
     np.testing.assert_allclose(again.states, mesh_states(solution["move"])[1:], atol=1e-9)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_dynamics_that_break_down_are_a_status_and_an_infinite_error(capfd):
     problem = OptimalControlProblem("root")

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
+from helpers import sampled
 from microbot_ocp import InputError, ocp
 from microbot_ocp._base.codegen import compile_function
 
@@ -43,7 +44,7 @@ FORMS = {
 
 
 @needs_compiler
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", sampled(FORMS, 2))
 def test_compiled_dynamics_are_solved_as_the_others(form):
     solutions = [
         ocp.solve(

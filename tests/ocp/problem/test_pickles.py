@@ -112,6 +112,7 @@ def test_a_copy_of_a_problem_knows_the_symbols_of_the_first(problem):
     assert len(deep.phases[0].end_costs) == len(first.phases[0].end_costs) + 1
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_spawned_processes_solve_verify_and_answer(problem, solution):
     """As multiprocessing, joblib and Dask do: nothing is shared but what was pickled."""

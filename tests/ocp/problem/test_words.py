@@ -123,6 +123,7 @@ def test_what_is_new_is_kept_in_files(tmp_path):
     assert verify(decay(), load_solution(fit, decay())).ok
 
 
+@pytest.mark.thorough
 def test_refinement_keeps_the_times_and_the_parameters():
     refined = solve(decay(), 5, accuracy=1e-8)
     assert refined.status.solved

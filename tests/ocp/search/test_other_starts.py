@@ -49,10 +49,14 @@ def by_start():
 @pytest.mark.parametrize(
     ("problem", "cost"),
     [
-        (wells(), least([0.2])),
+        pytest.param(wells(), least([0.2]), marks=pytest.mark.thorough),
         (wells(upper=2.0), least([0.2])),
-        (wells(tilts=(0.2, -0.2), start=0.1), least([0.2, -0.2], 0.1)),
-        (by_parameter(), least([0.2])),
+        pytest.param(
+            wells(tilts=(0.2, -0.2), start=0.1),
+            least([0.2, -0.2], 0.1),
+            marks=pytest.mark.thorough,
+        ),
+        pytest.param(by_parameter(), least([0.2]), marks=pytest.mark.thorough),
         (by_start(), least([0.2], effort=0.0)),
     ],
     ids=["no bounds", "one bound", "two directions", "a parameter", "a free start"],

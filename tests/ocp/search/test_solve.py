@@ -132,7 +132,10 @@ def test_a_problem_without_end_cost_in_any_phase_has_its_whole_gradient():
     assert solved(spline((1.0, 0.5), 0.3), 5, "ipopt").cost == pytest.approx(19.29, rel=1e-9)
 
 
-@pytest.mark.parametrize(("shape", "order"), [("linear", 4.0), ("constant", 2.0)])
+@pytest.mark.parametrize(
+    ("shape", "order"),
+    [("linear", 4.0), pytest.param("constant", 2.0, marks=pytest.mark.thorough)],
+)
 def test_the_cost_converges_with_the_order_of_its_control(shape, order):
     meshes = np.array([4, 8, 16, 32])
     errors = [
@@ -143,6 +146,7 @@ def test_the_cost_converges_with_the_order_of_its_control(shape, order):
     assert slope == pytest.approx(order, abs=0.25)
 
 
+@pytest.mark.thorough
 def test_a_linear_control_converges_with_second_order():
     meshes = np.array([4, 8, 16, 32])
     errors = []

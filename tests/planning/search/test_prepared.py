@@ -223,6 +223,7 @@ def as_fast_as_cold(solver, robot, via_q):
     assert mo.certify(robot, motion, via_q=via_q).ok
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "via_q",
     [

@@ -55,6 +55,7 @@ def test_free_motions_leave_from_the_torques_that_hold_the_arm(free):
     assert largest_step(robot, motion) < 1.005
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_certificates_agree_whatever_they_are_told_of_the_task(free):
     robot, via_q, motion = free

@@ -188,6 +188,7 @@ def test_a_tool_line_is_followed_and_certified(two_links, cut):
     assert "tool line" in narrow.verdict
 
 
+@pytest.mark.thorough
 def test_a_line_between_joint_poses_of_a_small_arm_leaves_the_orientation(two_links):
     stops, line = [[-1.0, 1.2], [0.2, 1.0]], [mo.Line(tolerance=0.01)]
     motion = mo.time_optimal(two_links, stops, segments=line, mesh=8, starts=1, compiled=False)
@@ -558,14 +559,10 @@ SQUARE = [Stop(position=p) for p in ([1.2, 0.2, 0.0], [1.2, 0.9, 0.0], [0.3, 1.4
 LINES = [mo.Line(tolerance=2e-3), None]
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "limit",
-    [
-        mo.limits.tool_speed(1.0),
-        pytest.param(mo.limits.tool_acceleration(4.0), marks=pytest.mark.thorough),
-        pytest.param(mo.limits.power(60.0), marks=pytest.mark.thorough),
-    ],
+    "limit", [mo.limits.tool_speed(1.0), mo.limits.tool_acceleration(4.0), mo.limits.power(60.0)]
 )
 def test_a_tool_line_under_a_limit_of_the_tool_is_solved_from_the_first_start(two_links, limit):
     limits = two_links.with_limits(also=[limit]).limits
@@ -611,7 +608,15 @@ def turns_of_the_first_joint(robot, stops, tolerance):
 
 
 @pytest.mark.parametrize(
-    ("tolerance", "share"), [(1e-3, 0.0), (1e-3, 1e-3), (1e-3, -0.8), (5e-3, 0.75), (1e-5, -0.3)]
+    ("tolerance", "share"),
+    [
+        (1e-3, 0.0),
+        *(
+            pytest.param(*case, marks=pytest.mark.thorough)
+            for case in ((1e-3, 1e-3), (1e-3, -0.8), (5e-3, 0.75))
+        ),
+        (1e-5, -0.3),
+    ],
 )
 def test_what_is_singular_within_the_tolerance_of_a_line_is_no_obstacle(microbot, tolerance, share):
     """The line through the axis of the waist is within the tolerance of all others."""

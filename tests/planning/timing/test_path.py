@@ -8,6 +8,7 @@ import pytest
 from scipy.optimize import brentq
 
 import microbot_ocp as mo
+from helpers import sampled
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.planning import corners, phase_plane, straight_path, time_optimal_path
@@ -122,7 +123,11 @@ def test_the_unit_does_not_decide_under_torque_rates_either():
         ({"qd_max": 1.2, "tau_max": 4.0}, 1.5 / 1.2 + 1.2 / 2.0),
         ({"qd_max": 0.2, "tau_max": 4.0}, 1.5 / 0.2 + 0.2 / 2.0),  # hardly a grid point accelerates
         ({"tau_max": (-2.0, 4.0)}, np.sqrt(2 * 1.5 * (1 / 2.0 + 1 / 1.0))),
-        ({"tau_max": 100.0, "taud_max": 10.0}, (32 * 1.5 / 5.0) ** (1 / 3)),
+        pytest.param(
+            {"tau_max": 100.0, "taud_max": 10.0},
+            (32 * 1.5 / 5.0) ** (1 / 3),
+            marks=pytest.mark.thorough,
+        ),
     ],
 )
 def test_a_mass_on_a_rail_takes_the_closed_form(limits, duration):
@@ -170,7 +175,7 @@ def report_straight(microbot):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["report_cubic", "report_straight"])
+@pytest.mark.parametrize("name", sampled(["report_straight", "report_cubic"], 2))
 def test_two_methods_find_the_same_duration(name, request):
     motion = request.getfixturevalue(name)
     assert motion.solved
@@ -396,6 +401,7 @@ def test_power_is_kept_with_and_without_rates(microbot, limits):
     assert mo.certify(robot, motion).ok
 
 
+@pytest.mark.thorough
 def test_a_tight_power_limit_is_met_from_a_start_that_knows_of_it(microbot):
     robot = power_limited(microbot.with_limits(taud_max=np.inf), [40.0, 60.0, 20.0])
     motion = time_optimal_path(robot, REPORT_CUBIC)
@@ -432,6 +438,7 @@ def test_a_limit_without_derivatives_is_named(microbot):
         time_optimal_path(microbot.with_limits(also=[limit]), REPORT_CUBIC)
 
 
+@pytest.mark.thorough
 def test_more_viscous_friction_than_reachability_can_follow_is_said():
     """A crawl at terminal speed: reachability may fail on the way, the answer is right."""
     robot = slider(tau_max=4.0)
