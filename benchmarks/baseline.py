@@ -24,7 +24,6 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
-import resource
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -38,6 +37,7 @@ import numpy as np
 import course_report
 import microbot_ocp as mo
 from benchmarks import arms, cell, scenes, switching_times, torture
+from benchmarks.measure import limit_processor_time
 from benchmarks.suite import child
 from benchmarks.suite.table import PROBLEMS
 from microbot_ocp import ocp
@@ -322,7 +322,7 @@ def main(arguments: Sequence[str]) -> None:
         print(table.markdown() if options.markdown else table)
         return
     if options.case:
-        resource.setrlimit(resource.RLIMIT_CPU, (LIMIT, LIMIT + 5))
+        limit_processor_time(LIMIT, LIMIT + 5)
         if options.without:
             ablate(options.without)
         print(json.dumps(solved_here(*options.case)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import subprocess
@@ -100,3 +101,11 @@ def in_fresh_process(module: str, arguments: list[str], cache: str) -> dict[str,
     if done.returncode:
         raise RuntimeError(f"{module} {' '.join(arguments)} failed:\n{done.stderr[-2000:]}")
     return json.loads(done.stdout.splitlines()[-1])
+
+
+def limit_processor_time(soft: int, hard: int) -> None:
+    """End this process after its limit of processor time, s; Windows has no such limit."""
+    with contextlib.suppress(ImportError):
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_CPU, (soft, hard))

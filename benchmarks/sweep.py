@@ -26,7 +26,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -148,8 +147,7 @@ def swept(study: Study, workers: int) -> Run:
 
 def memory() -> float:
     """Return the resident memory of this process, MB."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * resource.getpagesize() / MB
+    return psutil.Process().memory_info().rss / MB
 
 
 def print_rates(count: int, rounds: int) -> None:

@@ -19,7 +19,6 @@ from __future__ import annotations
 import argparse
 import itertools
 import json
-import resource
 import subprocess
 import sys
 import time
@@ -32,6 +31,7 @@ from typing import Any
 import numpy as np
 
 import microbot_ocp as mo
+from benchmarks.measure import limit_processor_time
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.deadline import processor_time
 from microbot_ocp.limits import LimitFamily, MotionSamples
@@ -438,7 +438,7 @@ def _one(seed: int, limit: int, *, quiet: bool) -> None:
     if not quiet:
         print(seed, task)
     else:
-        resource.setrlimit(resource.RLIMIT_CPU, (2 * limit, 2 * limit + 5))
+        limit_processor_time(2 * limit, 2 * limit + 5)
     said = None if quiet else lambda said: print(said) if _text(said) else None
     found = solve(task, said, limit)
     found |= {"seed": seed, "kind": task.kind, "task": str(task), "best_known": best_known(task)}

@@ -11,6 +11,8 @@ from hypothesis import HealthCheck, settings
 
 import microbot_ocp as mo
 
+collect_ignore = ["reliability/windows"]  # its import would hide modules in this process
+
 settings.register_profile(
     "repeatable",
     derandomize=True,

@@ -11,15 +11,16 @@ from __future__ import annotations
 
 import argparse
 import json
-import resource
 from dataclasses import replace
 from typing import Any
 
 import casadi as ca
 
+from benchmarks.measure import limit_processor_time
 from benchmarks.suite.peer import solve_by_opti
 from benchmarks.suite.table import BY_NAME
 from microbot_ocp import ocp
+from microbot_ocp._base.deadline import processor_time
 
 WAYS = ("solve", "refined", "peer")
 AIM = 1e-6  # accuracy of the states in the way "refined"
@@ -42,7 +43,7 @@ def run(
     built = problem.build()
     if controls is not None and way != "peer":
         _shape_controls(built, controls)
-    begin = _spent()
+    begin = processor_time()
     try:
         if way == "peer":
             peer = solve_by_opti(built, mesh or INTERVALS, guess)
@@ -62,13 +63,7 @@ def run(
         text = str(error).splitlines()
         found = {"cost": None, "solved": False, "iterations": 0}
         found["status"] = f"{type(error).__name__}: {text[0] if text else ''}"
-    return {**found, "seconds": _spent() - begin}
-
-
-def _spent() -> float:
-    """Return the processor time of this process and of its solver processes, s."""
-    own, copies = (resource.getrusage(k) for k in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-    return own.ru_utime + own.ru_stime + copies.ru_utime + copies.ru_stime
+    return {**found, "seconds": processor_time() - begin}
 
 
 def _shape_controls(problem: ocp.OptimalControlProblem, shape: str) -> None:
@@ -97,7 +92,7 @@ def main() -> None:
     parser.add_argument("--mesh", type=int)
     parser.add_argument("--limit", type=int, default=60, help="processor time, s")
     options = parser.parse_args()
-    resource.setrlimit(resource.RLIMIT_CPU, (options.limit, options.limit + 1))
+    limit_processor_time(options.limit, options.limit + 1)
     print()
     found = run(options.name, options.way, options.scheme, options.mesh, options.controls)
     print(json.dumps(found))

@@ -14,7 +14,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import signal
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator, Mapping
@@ -25,10 +24,12 @@ from typing import Any
 from benchmarks.suite.child import WAYS
 from benchmarks.suite.problem import SuiteProblem
 from benchmarks.suite.table import BY_NAME, PROBLEMS
+from microbot_ocp._base.system import signals
 
 MET = 1e-3  # relative error of an answer that counts as met
 PATIENCE = 10  # wall time that a child may take, as a multiple of its processor time limit
 TIMEOUT = "TIMEOUT"
+ENDED = tuple(-number for number in signals("SIGXCPU", "SIGKILL"))
 Result = Mapping[str, Any]
 
 
@@ -56,7 +57,7 @@ def run_child(name: str, way: str, options: argparse.Namespace) -> Result:
             child.kill()
             child.communicate()
             return _nothing(TIMEOUT, options.limit)
-    if child.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
+    if child.returncode in ENDED:
         return _nothing(TIMEOUT, options.limit)
     lines = [line for line in said.splitlines() if line.startswith("{")]
     if child.returncode or not lines:

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
+
+pytest.importorskip("pinocchio")
 from external.urdf_packages import files
 
 CHAINS = {

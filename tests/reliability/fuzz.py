@@ -17,7 +17,6 @@ import json
 import os
 import random
 import re
-import resource
 import sys
 import tempfile
 import time
@@ -550,13 +549,23 @@ def attempt(target, draw):
     return ""
 
 
+def peak_memory():
+    """The largest memory of this process so far, kB; 0 on Windows, which does not say it."""
+    try:
+        import resource
+    except ImportError:
+        return 0
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak // 1024 if sys.platform == "darwin" else peak
+
+
 def series(target, count, seed=0, tell=None, first=0):
     """Counts of what came of so many cases, and a list of (number of the case, what was wrong)."""
     found, wrong = Counter(), []
     for case in range(first, first + count):
-        most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        most = peak_memory()
         outcome = attempt(target, random.Random(f"{target} {seed} {case}"))
-        more = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - most
+        more = peak_memory() - most
         if outcome in ("", "refused") and more > MOST_MEMORY:
             outcome = f"took {more} kB"
         kind = {"": "done", "refused": "refused"}.get(outcome, "wrong")

@@ -8,7 +8,6 @@ import ctypes
 import json
 import os
 import random
-import resource
 import shutil
 import signal
 import subprocess
@@ -50,6 +49,7 @@ goal_q_deg = { from = [-90, 30, -90], to = [90, 120, 90], steps = 2 }
 COMMAND = ["compare", "microbot", "--via-deg", "0,0,0 -90,90,90", "--methods", "cubic,time_optimal"]
 COMMAND += ["--mesh", "10", "--out", "out"]
 
+resource = pytest.importorskip("resource")
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="needs fork and Linux's limits")
 
 

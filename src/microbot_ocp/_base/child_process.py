@@ -23,6 +23,8 @@ from typing import Any
 
 import numpy as np
 
+from microbot_ocp._base.system import FORKS
+
 PR_SET_PDEATHSIG = 1
 Send = Callable[[Any], None]
 
@@ -46,8 +48,11 @@ def can_fork() -> bool:
 
     While another thread runs code of this package it may hold a lock in native code (in CasADi's
     cache of sparsity patterns, in IPOPT's use of MUMPS), which would stay locked in the fork for
-    ever. In that case the caller works in this process, where solvers keep their own time limits.
+    ever. In that case, and on macOS and Windows, the caller works in this process, where solvers
+    keep their own time limits.
     """
+    if not FORKS:
+        return False
     others = sys._current_frames()
     others.pop(threading.get_ident())
     return not any(_is_ours(frame) for frame in others.values())
@@ -212,5 +217,5 @@ def _limit_memory(most_bytes: int) -> None:
 
 def end_with_parent() -> None:
     """Ask Linux to kill this process when its parent dies."""
-    with contextlib.suppress(OSError, AttributeError):
+    if sys.platform == "linux":
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)

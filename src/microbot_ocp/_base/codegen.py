@@ -18,7 +18,6 @@ import json
 import os
 import platform
 import shutil
-import signal
 import stat
 import subprocess
 import tempfile
@@ -28,12 +27,14 @@ from concurrent.futures import ThreadPoolExecutor
 from contextvars import ContextVar, copy_context
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 
 from microbot_ocp._base import deadline, interpreter
 from microbot_ocp._base.checks import shortened, warn_user
 from microbot_ocp._base.reading import content_of
+from microbot_ocp._base.system import COMPILES, OWN_GROUP, end_group
 from microbot_ocp._base.writing import digest, temporary_path, whole_file
 
 FLAGS = ("-fno-math-errno", "-shared", "-fPIC")
@@ -65,8 +66,8 @@ class NotCompiled(UserWarning):
 
 @lru_cache(maxsize=1)
 def compiler() -> str | None:
-    """Return the path of the C compiler: ``$CC``, cc, gcc or clang; None if there is none."""
-    for name in (os.environ.get("CC"), "cc", "gcc", "clang"):
+    """Return the path of the C compiler: ``$CC``, cc, gcc or clang; None without one."""
+    for name in (os.environ.get("CC"), "cc", "gcc", "clang") if COMPILES else ():
         path = shutil.which(name) if name else None
         if path:
             return path
@@ -98,7 +99,8 @@ def cache_folder() -> Path:
 
 def _private_folder() -> Path:
     """Return the fallback cache folder, in the folder for temporary files."""
-    return Path(tempfile.gettempdir()) / f"microbot_ocp-{os.geteuid()}"
+    user = os.geteuid() if COMPILES else ""  # on Windows the folder is the user's own
+    return Path(tempfile.gettempdir()) / f"microbot_ocp-{user}"
 
 
 def usable_folder() -> Path:
@@ -112,8 +114,10 @@ def usable_folder() -> Path:
     Raises
     ------
     OSError
-        Neither folder can be used.
+        Neither folder can be used, or no code is compiled on this system.
     """
+    if not COMPILES:
+        raise OSError("no code is compiled on Windows")
     folder = cache_folder()
     if problem := _folder_problem(folder):
         unused, folder = folder, _private_folder()
@@ -415,7 +419,7 @@ def build_library(
     with temporary_path(folder / stem) as work:
         work.mkdir(mode=0o700)
         text, compiled = work / "function.c", work / "function.so"
-        text.write_text(source if isinstance(source, str) else source())
+        text.write_text(source if isinstance(source, str) else source(), "utf-8")
         rest = [*flags, str(text), *map(str, objects), "-o", str(compiled), "-lm"]
         messages = work / "messages"
         # A compiler that rejects the flag of the processor gets a second call without it.
@@ -427,7 +431,7 @@ def build_library(
     return library
 
 
-_running: set[subprocess.Popen[bytes]] = set()
+_running: set[subprocess.Popen[Any]] = set()
 
 
 def _run(command: list[str], messages: Path) -> int:
@@ -446,7 +450,7 @@ def _run(command: list[str], messages: Path) -> int:
     with (
         messages.open("wb") as stream,
         subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=stream, stderr=stream, start_new_session=True
+            command, stdin=subprocess.DEVNULL, stdout=stream, stderr=stream, **OWN_GROUP
         ) as process,
     ):
         _running.add(process)
@@ -455,19 +459,14 @@ def _run(command: list[str], messages: Path) -> int:
         except subprocess.TimeoutExpired:
             raise RuntimeError(f"{command[0]}: it was ended after {seconds:.3g} s") from None
         finally:
-            _end(process)  # kills the remaining processes of the group, too
+            end_group(process)  # kills the remaining processes of the group, too
             _running.discard(process)
     if status < 0:
         raise RuntimeError(f"{command[0]}: it was ended by signal {-status}")
     return status
 
 
-def _end(process: subprocess.Popen[bytes]) -> None:
-    with contextlib.suppress(OSError):
-        os.killpg(process.pid, signal.SIGKILL)
-
-
 def abandon() -> None:
     """Kill every compiler before the process ends."""
     for process in list(_running):
-        _end(process)
+        end_group(process)

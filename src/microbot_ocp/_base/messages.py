@@ -35,9 +35,10 @@ def _fields(lines: Iterable[str]) -> Iterator[tuple[str, Field]]:
             yield name, Field(verdict, why.replace("{}", name), of, int(neutral or 0))
 
 
+_TEXT = TABLE.read_text("utf-8")
 MESSAGES: dict[str, dict[str, Field]] = {
     kind: dict(_fields(lines))
-    for kind, *lines in (part.split("\n") for part in TABLE.read_text().strip().split("\n\n")[1:])
+    for kind, *lines in (part.split("\n") for part in _TEXT.strip().split("\n\n")[1:])
 }
 
 

@@ -23,17 +23,11 @@ def opened(path: str | Path) -> BufferedReader:
     OSError
         The path is not readable or no regular file; ``strerror`` is set.
     """
-    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
-    stream = open(handle, "rb")  # noqa: SIM115
-    try:
-        mode = os.fstat(handle).st_mode
-        if not stat.S_ISREG(mode):
-            kind = "a folder" if stat.S_ISDIR(mode) else "a pipe or a device"
-            raise OSError(errno.EINVAL, f"it is {kind}", str(path))
-    except BaseException:
-        stream.close()
-        raise
-    return stream
+    mode = os.stat(path).st_mode
+    if not stat.S_ISREG(mode):
+        kind = "a folder" if stat.S_ISDIR(mode) else "a pipe or a device"
+        raise OSError(errno.EINVAL, f"it is {kind}", str(path))
+    return open(path, "rb")
 
 
 def content_of(path: str | Path) -> bytes:

@@ -2,13 +2,12 @@
 
 A file is written under a temporary name in its folder, flushed to the disk and renamed.
 Temporary names are hidden, differ between writers, and end in ``.part``; the next writer in the
-folder removes those of killed processes.
+folder removes those of killed processes, except on Windows.
 """
 
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import hashlib
 import json
 import os
@@ -23,6 +22,7 @@ from typing import Any
 
 from microbot_ocp._base.checks import InputError, sentence
 from microbot_ocp._base.reading import opened
+from microbot_ocp._base.system import alive
 
 # The name is .NAME.HOST.PID.RANDOM.microbot.part: at most 200 bytes; file systems allow 255.
 _LEFTOVER = re.compile(r"\..*\.(?P<host>[\w-]+)\.(?P<pid>\d+)\.[0-9a-f]{12}\.microbot\.part")
@@ -132,20 +132,6 @@ def temporary_path(target: Path) -> Iterator[Path]:
         _open.discard(str(partial))
 
 
-@contextlib.contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Lock a folder for other processes, if the system can lock folders."""
-    handle = None
-    with contextlib.suppress(OSError):
-        handle = os.open(folder, os.O_RDONLY)
-        fcntl.flock(handle, fcntl.LOCK_EX)
-    try:
-        yield
-    finally:
-        if handle is not None:
-            os.close(handle)
-
-
 def remove_leftovers(folder: Path) -> None:
     """Remove the temporary files of killed writers of this machine from a folder."""
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
@@ -154,7 +140,7 @@ def remove_leftovers(folder: Path) -> None:
             if leftover is None or leftover["host"] != _host() or entry.path in _open:
                 continue
             pid = int(leftover["pid"])
-            if pid == os.getpid() or not _alive(pid):
+            if pid == os.getpid() or not alive(pid):
                 _remove(Path(entry.path))
 
 
@@ -184,7 +170,8 @@ def digest_of_document(document: Mapping[str, Any], but: str) -> str:
 
 
 def _fsync(path: Path) -> None:
-    handle = os.open(path, os.O_RDONLY)
+    # Windows flushes no file that is open for reading alone, and opens no folder.
+    handle = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
     try:
         os.fsync(handle)
     finally:
@@ -226,13 +213,3 @@ def _remove(path: Path) -> None:
 
 def _host() -> str:
     return re.sub(r"[^\w-]", "-", platform.node(), flags=re.ASCII)[:40] or "-"
-
-
-def _alive(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except (OSError, OverflowError):
-        pass
-    return True

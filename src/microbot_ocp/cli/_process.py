@@ -18,7 +18,9 @@ import time
 from types import FrameType
 from typing import Any
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+from microbot_ocp._base.system import signals
+
+SIGNALS = signals("SIGINT", "SIGTERM", "SIGHUP")
 _pressed = threading.Event()
 _code = 128 + signal.SIGINT
 _watched = False
@@ -82,12 +84,13 @@ def watch() -> None:
     _taken, _messages = False, None
     _pressed.clear()
     for number in SIGNALS:
-        if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:  # nohup
+        if number.name != "SIGHUP" or signal.getsignal(number) is not signal.SIG_IGN:  # nohup
             signal.signal(number, _press)
     sys.unraisablehook = _unraisable
     if not _watched:
         reader, writer = os.pipe()
-        os.set_blocking(writer, False)
+        if hasattr(os, "set_blocking"):  # Windows: from Python 3.12 on
+            os.set_blocking(writer, False)
         signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
         threading.Thread(target=_end_late, args=(reader,), daemon=True).start()
         _watched = True

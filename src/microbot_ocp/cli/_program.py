@@ -27,6 +27,7 @@ from typer.core import TyperCommand, TyperGroup
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.schema import suggestion
+from microbot_ocp._base.system import signals
 from microbot_ocp._base.writing import NotWritten
 from microbot_ocp.cli import _process as process
 
@@ -179,11 +180,15 @@ def run() -> int:
     """Run the program as :func:`~microbot_ocp.cli.entry` does."""
     warnings.showwarning = _print_warning
     with contextlib.suppress(AttributeError, OSError, ValueError):  # a replaced standard output
-        stream = io.BufferedWriter(_Output(sys.stdout.fileno(), "w", closefd=False))
+        stream: Any = sys.stdout.buffer
+        if isinstance(stream.raw, io.FileIO):  # not a console of Windows, which takes text alone
+            stream = io.BufferedWriter(_Output(sys.stdout.fileno(), "w", closefd=False))
         by_line = bool(sys.stdout.line_buffering)
         sys.stdout = _Text(stream, sys.stdout.encoding, line_buffering=by_line)
-    signal.signal(signal.SIGPIPE, signal.SIG_DFL)
-    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # a file above the size limit raises OSError
+    for number in signals("SIGPIPE"):
+        signal.signal(number, signal.SIG_DFL)
+    for number in signals("SIGXFSZ"):
+        signal.signal(number, signal.SIG_IGN)  # a file above the size limit raises OSError
     return main()
 
 

@@ -13,21 +13,21 @@ import pickle
 import subprocess
 import sys
 import threading
+import time
 import traceback
-from multiprocessing import Pipe
-from multiprocessing.connection import Connection
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import IO, TYPE_CHECKING, Any, TypeAlias
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.child_process import Died, OutOfTime, end_with_parent
 from microbot_ocp._base.status import Status
+from microbot_ocp._base.system import OWN_GROUP
 
 if TYPE_CHECKING:
     from microbot_ocp.sweeps._solve import Row
     from microbot_ocp.sweeps._study import Plan
 
-MOST_WAIT = 2e6  # s; poll counts the time in ms as a 32-bit integer
+MOST_WAIT = threading.TIMEOUT_MAX  # s
 ATTEMPTS = 2  # number of processes that a case may crash before it is given up
 CaseResult: TypeAlias = "tuple[Row, dict[str, bytes]]"
 _processes = threading.local()  # one child process per thread of a worker
@@ -38,21 +38,17 @@ class CaseProcess:
 
     def __init__(self, digest: str, plan: bytes) -> None:
         self.digest = digest
-        self._pipe, theirs = Pipe()
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
         # Dask makes malloc return freed memory at once, which slows solvers down: a case of
         # ``python -m benchmarks sweep`` takes 0.65 s with this setting and 0.45 s without.
         environment.pop("MALLOC_TRIM_THRESHOLD_", None)
-        with theirs:
-            code = f"from microbot_ocp.sweeps._process import serve; serve({theirs.fileno()})"
-            self._process = subprocess.Popen(
-                [sys.executable, "-c", code],
-                stdin=subprocess.DEVNULL,
-                stdout=2,  # libraries may print; standard output belongs to the parent
-                pass_fds=[theirs.fileno()],
-                start_new_session=True,  # the parent handles Ctrl-C
-                env=environment,
-            )
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", "from microbot_ocp.sweeps._process import serve; serve()"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env=environment,
+            **OWN_GROUP,  # the parent handles Ctrl-C
+        )
         try:
             self.notes: list[str] = self.ask(plan)
         except Died:
@@ -72,24 +68,29 @@ class CaseProcess:
         OutOfTime, Died, RuntimeError
             No answer in time, the process died, or it could not start. The process is ended.
         """
-        problem: Exception = Died()
-        with contextlib.suppress(OSError, EOFError):
-            self._pipe.send(request)
-            problem = OutOfTime()
-            if self._pipe.poll(min(time_limit, MOST_WAIT)):
-                problem = Died()
-                answer = self._pipe.recv()
-                if not isinstance(answer, str):
-                    return answer
-                problem = RuntimeError(f"a process for cases did not start: {answer}")
-        self.end()
-        raise problem
+        process, until = self._process, time.monotonic() + time_limit
+        assert process.stdin is not None
+        assert process.stdout is not None
+        late = threading.Timer(min(time_limit, MOST_WAIT), process.kill)
+        late.start()
+        try:
+            _send(process.stdin, request)
+            answer = pickle.load(process.stdout)
+        except (OSError, EOFError, pickle.UnpicklingError):
+            self.end()
+            raise (OutOfTime if time.monotonic() >= until else Died) from None
+        finally:
+            late.cancel()
+        if isinstance(answer, str):
+            self.end()
+            raise RuntimeError(f"a process for cases did not start: {answer}")
+        return answer
 
     def end(self) -> None:
         """End the process at once."""
         self._process.kill()
-        self._process.wait()
-        self._pipe.close()
+        with contextlib.suppress(OSError):  # a request may be left unsent
+            self._process.communicate()
 
 
 def do_cases(
@@ -136,15 +137,21 @@ def _process(digest: str, plan: bytes) -> CaseProcess:
     return process
 
 
-def serve(pipe: int) -> None:
+def _send(stream: IO[bytes], message: Any) -> None:
+    pickle.dump(message, stream)
+    stream.flush()
+
+
+def serve() -> None:
     """Run the child process: read the plan, prepare the solvers, solve case after case."""
     end_with_parent()
+    requests, answers = sys.stdin.buffer, open(os.dup(1), "wb")  # noqa: SIM115
+    os.dup2(2, 1)  # libraries may print; standard output belongs to the parent
     from microbot_ocp.sweeps._solve import CaseSolver
     from microbot_ocp.sweeps._study import versions
 
-    worker = Connection(pipe)
     with contextlib.suppress(EOFError, OSError):
-        packed = worker.recv()
+        packed = pickle.load(requests)
         try:
             plan: Plan = pickle.loads(packed)
             if plan.version != versions():
@@ -153,8 +160,8 @@ def serve(pipe: int) -> None:
         except BaseException as problem:
             sentence = checks.sentence(f"{type(problem).__name__}: {problem}")
             place = traceback.extract_tb(problem.__traceback__)[-1]
-            worker.send(f"{sentence} ({place.filename}, line {place.lineno})")
+            _send(answers, f"{sentence} ({place.filename}, line {place.lineno})")
             return
-        worker.send(solver.notes)
+        _send(answers, solver.notes)
         while True:
-            worker.send(solver.row(*worker.recv()))
+            _send(answers, solver.row(*pickle.load(requests)))

@@ -10,13 +10,10 @@ from __future__ import annotations
 import contextlib
 import os
 import queue
-import signal
-import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
-from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,6 +22,7 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
+from microbot_ocp._base.system import uninterrupted_children
 from microbot_ocp.robot import Robot
 from microbot_ocp.sweeps._cases import Cases
 from microbot_ocp.sweeps._extra import needed
@@ -203,18 +201,8 @@ def _connected(client: Any, workers: int | None) -> Iterator[Any]:
 
 
 def _own_cluster(distributed: Any) -> Any:
-    """Return a scheduler in this process, whose workers ignore Ctrl-C: the scheduler ends them.
-
-    Threads and processes inherit the signal mask of the thread that starts them.
-    """
-    # The resource tracker unblocks SIGINT when it starts, so start it before the mask is set. Its
-    # warnings on semaphores of killed processes are expected.
-    silent = "ignore:resource_tracker"
-    sys.warnoptions.append(silent)
-    resource_tracker.ensure_running()
-    sys.warnoptions.remove(silent)
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
+    """Return a scheduler in this process, whose workers ignore Ctrl-C: the scheduler ends them."""
+    with uninterrupted_children():
         return distributed.LocalCluster(
             n_workers=0,
             threads_per_worker=1,
@@ -223,8 +211,6 @@ def _own_cluster(distributed: Any) -> Any:
             scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
             silence_logs=50,  # level CRITICAL: the results report errors
         )
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _processors() -> int:

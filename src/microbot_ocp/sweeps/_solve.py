@@ -15,7 +15,7 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import NotCompiled, compiler, interpreted, usable_folder
 from microbot_ocp._base.status import Status
-from microbot_ocp._base.writing import locked
+from microbot_ocp._base.system import locked
 from microbot_ocp.certificate import certify
 from microbot_ocp.limits import AT_LIMIT, limit_history
 from microbot_ocp.motion import Motion

@@ -12,7 +12,8 @@ from typing import Any
 
 from microbot_ocp._base.checks import InputError, shown
 from microbot_ocp._base.reading import content_of
-from microbot_ocp._base.writing import NotWritten, digest, digest_of_document, locked, sync
+from microbot_ocp._base.system import locked
+from microbot_ocp._base.writing import NotWritten, digest, digest_of_document, sync
 
 INDEX = "comparison.json"
 NAME = re.compile(r"\w[\w .+-]{0,99}", re.ASCII)  # method names, which are also file names

@@ -12,20 +12,20 @@ Theory: docs/theory/transcription.md, "Solvers".
 from __future__ import annotations
 
 import ctypes
-import faulthandler
+import os
 import subprocess
 import sys
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import InputError, shown
-from microbot_ocp._base.child_process import Died, can_fork, in_child
 from microbot_ocp._base.codegen import ANY_ORDER, build_library, compiler, compiles
 
 Options = Mapping[str, Mapping[str, Any]]  # keys: solver names
@@ -115,11 +115,23 @@ def check_linear_solver(name: Any) -> None:
     if name in (NAME, BAND, LINEAR_SOLVERS[0]):
         return
     if name not in LINEAR_SOLVERS or not _works(name):
-        there = [NAME, *(other for other in LINEAR_SOLVERS if _works(other))]
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            works = pool.map(_works, LINEAR_SOLVERS)
+        there = [NAME, *compress(LINEAR_SOLVERS, works)]
         raise InputError(
             f"linear_solver of the options of ipopt must be one that is installed, "
             f"{', '.join(there)}, not {shown(name)}"
         )
+
+
+TRIAL = """
+import sys, casadi as ca
+x = ca.MX.sym("x")
+ipopt = {"print_level": 0, "sb": "yes", "linear_solver": sys.argv[1]}
+solver = ca.nlpsol("trial", "ipopt", {"x": x, "f": x**2}, {"print_time": False, "ipopt": ipopt})
+solver(x0=1.0)
+sys.exit(not solver.stats()["success"])
+"""
 
 
 @cache
@@ -128,23 +140,6 @@ def _works(name: str) -> bool:
 
     Some missing solvers end the process, hence the child process.
     """
-
-    def tried() -> bool:
-        x = ca.MX.sym("x")
-        silent = {"print_level": 0, "sb": "yes", "linear_solver": name}
-        options = {"print_time": False, "error_on_fail": False, "ipopt": silent}
-        try:
-            solver = ca.nlpsol("tried", "ipopt", {"x": x, "f": x**2}, options)
-            solver(x0=1.0)
-            return bool(solver.stats()["success"])
-        except RuntimeError:
-            return False
-
-    def quietly(_: object) -> bool:
-        faulthandler.disable()
-        return tried()
-
-    try:
-        return in_child(quietly, np.inf) if can_fork() else tried()
-    except Died:
-        return False
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    command = [sys.executable, "-c", TRIAL, name]
+    return not subprocess.run(command, env=environment, capture_output=True, check=False).returncode

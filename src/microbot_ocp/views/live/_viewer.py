@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import os
 import shutil
-import signal
 import socket
 import subprocess
 import sys
 import time
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.system import OWN_GROUP, end_group
 
 LOOPBACK = "127.0.0.1"
 START_TIMEOUT = 20.0  # s
 END_TIMEOUT = 0.4  # s before the viewer is killed; this process must end within 1 s
-_started: set[subprocess.Popen[bytes]] = set()
+_started: set[subprocess.Popen[Any]] = set()
 
 
 def viewer_environment() -> dict[str, str]:
@@ -35,7 +36,7 @@ def find_viewer() -> str | None:
     return shutil.which("rerun", path=str(Path(sys.executable).parent)) or shutil.which("rerun")
 
 
-def start_viewer(*options: str, ports: tuple[int, ...]) -> subprocess.Popen[bytes]:
+def start_viewer(*options: str, ports: tuple[int, ...]) -> subprocess.Popen[Any]:
     """Start a viewer that listens on this machine only, and wait until it listens.
 
     Raises
@@ -52,7 +53,7 @@ def start_viewer(*options: str, ports: tuple[int, ...]) -> subprocess.Popen[byte
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         env=viewer_environment(),
-        start_new_session=True,  # Ctrl-C must not reach the viewer, and a group ends as a whole
+        **OWN_GROUP,
     )
     _started.add(process)
     try:
@@ -63,7 +64,7 @@ def start_viewer(*options: str, ports: tuple[int, ...]) -> subprocess.Popen[byte
     return process
 
 
-def _wait_for(process: subprocess.Popen[bytes], ports: tuple[int, ...]) -> None:
+def _wait_for(process: subprocess.Popen[Any], ports: tuple[int, ...]) -> None:
     deadline = time.monotonic() + START_TIMEOUT
     while not all(listens(LOOPBACK, port) for port in ports):
         if process.poll() is not None:
@@ -76,7 +77,7 @@ def _wait_for(process: subprocess.Popen[bytes], ports: tuple[int, ...]) -> None:
 def wait_for_viewer(command: list[str]) -> int:
     """Run a viewer until it is closed and return its status; it prints to standard error."""
     environment = viewer_environment()
-    process = subprocess.Popen(command, stdout=sys.stderr, env=environment, start_new_session=True)
+    process = subprocess.Popen(command, stdout=sys.stderr, env=environment, **OWN_GROUP)
     _started.add(process)
     try:
         return process.wait()
@@ -84,21 +85,14 @@ def wait_for_viewer(command: list[str]) -> int:
         end_viewer(process)
 
 
-def end_viewer(process: subprocess.Popen[bytes]) -> None:
+def end_viewer(process: subprocess.Popen[Any]) -> None:
     """End a viewer with its start script."""
-    with suppress(ProcessLookupError):  # raised after the last process of the group has ended
-        os.killpg(process.pid, signal.SIGTERM)
-        process.wait()
-        deadline = time.monotonic() + END_TIMEOUT
-        while time.monotonic() < deadline:
-            os.killpg(process.pid, 0)
-            time.sleep(0.02)
-        os.killpg(process.pid, signal.SIGKILL)
+    end_group(process, END_TIMEOUT)
     process.wait()
     _started.discard(process)
 
 
-def keep_open(process: subprocess.Popen[bytes]) -> None:
+def keep_open(process: subprocess.Popen[Any]) -> None:
     """Keep a viewer running after the end of this process."""
     _started.discard(process)
 
@@ -106,8 +100,7 @@ def keep_open(process: subprocess.Popen[bytes]) -> None:
 def abandon() -> None:
     """Abort every viewer that is not kept open, before this process ends."""
     for process in list(_started):
-        with suppress(OSError):
-            os.killpg(process.pid, signal.SIGKILL)
+        end_group(process)
 
 
 def listens(host: str, port: int) -> bool:
