@@ -181,7 +181,7 @@ def run() -> int:
     warnings.showwarning = _print_warning
     with contextlib.suppress(AttributeError, OSError, ValueError):  # a replaced standard output
         stream: Any = sys.stdout.buffer
-        if isinstance(stream.raw, io.FileIO):  # not a console of Windows, which takes text alone
+        if isinstance(stream.raw, io.FileIO):  # a console of Windows takes text alone
             stream = io.BufferedWriter(_Output(sys.stdout.fileno(), "w", closefd=False))
         by_line = bool(sys.stdout.line_buffering)
         sys.stdout = _Text(stream, sys.stdout.encoding, line_buffering=by_line)
