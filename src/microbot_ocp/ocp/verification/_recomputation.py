@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import product
 
 import casadi as ca
@@ -262,7 +262,7 @@ class _Intervals:
         for name, points in self.inside.items():
             if name in tables:  # a state, given by x
                 continue
-            weights, bounds = _lagrange(list(points), share), limited.get(name)
+            weights, bounds = _lagrange(tuple(points), share), limited.get(name)
             if bounds is None:
                 tables[name] = np.tensordot(weights, np.stack([*points.values()]), axes=1)
             else:
@@ -373,7 +373,7 @@ def _hermite_simpson(intervals: _Intervals) -> _Step:
 
 def _collocation(intervals: _Intervals) -> _Step:
     inside = intervals.states_inside()
-    points, nodes = list(inside), [0.0, *inside]
+    points, nodes = tuple(inside), (0.0, *inside)
     x = np.stack([intervals.x, *inside.values()])
     slopes, costs = zip(*(intervals.slope(inside[s], s) for s in points), strict=True)
 
@@ -407,7 +407,8 @@ _FORMULAS: Mapping[type, Callable[[_Intervals], _Step]] = {
 }
 
 
-def _lagrange(points: Sequence[float], s: float, derivative: int = 0) -> FloatArray:
+@lru_cache(maxsize=1024)  # a judgement asks for the same few again and again
+def _lagrange(points: tuple[float, ...], s: float, derivative: int = 0) -> FloatArray:
     """Return Lagrange polynomials at s [points], their derivatives, or (-1) integrals from 0."""
     weights = []
     for point in points:
@@ -418,4 +419,6 @@ def _lagrange(points: Sequence[float], s: float, derivative: int = 0) -> FloatAr
         elif derivative < 0:
             basis = basis.integ(-derivative)
         weights.append(float(basis(s)))
-    return np.array(weights)
+    found = np.array(weights)
+    found.flags.writeable = False
+    return found
