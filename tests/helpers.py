@@ -10,6 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from _pytest.mark import ParameterSet
 
 import microbot_ocp as mo
 from microbot_ocp.robot import dh_transform
@@ -39,9 +40,17 @@ def crossed(*axes: Iterable[Any]) -> list[Any]:
 
 def sampled(cases: Iterable[Any], every: int) -> list[Any]:
     """All cases, thorough but for the first of every so many."""
+    return sampled_rows(
+        (case if isinstance(case, ParameterSet) else (case,) for case in cases), every
+    )
+
+
+def sampled_rows(cases: Iterable[Any], every: int) -> list[Any]:
+    """As ``sampled`` for cases of several arguments."""
+    rows = [case if isinstance(case, ParameterSet) else pytest.param(*case) for case in cases]
     return [
-        pytest.param(case, marks=pytest.mark.thorough if k % every else ())
-        for k, case in enumerate(cases)
+        row._replace(marks=(*row.marks, pytest.mark.thorough)) if k % every else row
+        for k, row in enumerate(rows)
     ]
 
 

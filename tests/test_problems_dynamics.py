@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from helpers import sampled
+
 pytestmark = pytest.mark.slow
 
 PROBLEMS = Path(__file__).parent.parent / "problems"
@@ -116,7 +118,7 @@ def test_the_closed_form_of_the_error_dynamics(ran):
     assert all(float(difference) < 1e-6 for difference in rows)
 
 
-@pytest.mark.parametrize("script", SCRIPTS)
+@pytest.mark.parametrize("script", sampled(SCRIPTS, 2))
 def test_bad_input_ends_with_2_and_one_line(script, tmp_path):
     done = run(script, "--out", str(tmp_path), "--robot", "nobody")
     assert done.returncode == 2

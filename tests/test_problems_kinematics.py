@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from helpers import sampled_rows
+
 pytestmark = pytest.mark.slow
 
 PROBLEMS = Path(__file__).parent.parent / "problems"
@@ -135,18 +137,21 @@ def test_velocities_of_another_state_stand_alone() -> None:
 
 @pytest.mark.parametrize(
     ("script", "arguments", "message"),
-    [
-        (FORWARD, ["--a", "1,2"], "give all of --alpha-deg, --a, --d and --theta-deg"),
-        (FORWARD, [*MICROBOT, "--theta-deg", "0,x,0,0"], "theta_deg must be numbers, not 'x'"),
-        (FORWARD, [*MICROBOT, "--theta-deg", "0,0,0"], "columns differ in length"),
-        (FORWARD, [*MICROBOT, "--theta-deg", "0,nan,0,0"], "theta_deg must be finite"),
-        (INVERSE, ["--position", "1,2"], "position must be 3 finite numbers, not 1,2"),
-        (INVERSE, ["--position", "1,2,up"], "position must be numbers"),
-        (INVERSE, ["--seed-deg", "1"], "seed-deg must be 3 finite numbers, not 1"),
-        (INVERSE, ["--robot", "nowhere"], "nowhere"),
-        (VELOCITY, ["--theta-deg", "1,2"], "theta_deg must be 3 finite numbers"),
-        (VELOCITY, ["--force", "0,0,inf"], "force must be 3 finite numbers"),
-    ],
+    sampled_rows(
+        [
+            (FORWARD, ["--a", "1,2"], "give all of --alpha-deg, --a, --d and --theta-deg"),
+            (FORWARD, [*MICROBOT, "--theta-deg", "0,x,0,0"], "theta_deg must be numbers, not 'x'"),
+            (FORWARD, [*MICROBOT, "--theta-deg", "0,0,0"], "columns differ in length"),
+            (FORWARD, [*MICROBOT, "--theta-deg", "0,nan,0,0"], "theta_deg must be finite"),
+            (INVERSE, ["--position", "1,2"], "position must be 3 finite numbers, not 1,2"),
+            (INVERSE, ["--position", "1,2,up"], "position must be numbers"),
+            (INVERSE, ["--seed-deg", "1"], "seed-deg must be 3 finite numbers, not 1"),
+            (INVERSE, ["--robot", "nowhere"], "nowhere"),
+            (VELOCITY, ["--theta-deg", "1,2"], "theta_deg must be 3 finite numbers"),
+            (VELOCITY, ["--force", "0,0,inf"], "force must be 3 finite numbers"),
+        ],
+        3,
+    ),
 )
 def test_bad_input_is_one_line_and_exit_code_2(
     script: str, arguments: list[str], message: str

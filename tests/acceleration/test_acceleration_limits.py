@@ -15,6 +15,7 @@ import yaml
 from scipy.optimize import minimize
 
 import microbot_ocp as mo
+from helpers import sampled_rows
 from microbot_ocp.acceleration._forms import torque_terms
 from microbot_ocp.cli import main
 
@@ -234,11 +235,14 @@ def test_coupled_speeds(radius: float) -> None:
 
 @pytest.mark.parametrize(
     ("robot", "load", "speed"),
-    [
-        (mo.load_robot("planar_3r").with_limits(taud_max=[800.0, 400.0, 200.0]), 1.0, 0.4),
-        (telescope().with_limits(taud_max=[900.0, 2000.0, 300.0]), 0.5, 0.5),
-        (turned("planar_3r").with_limits(taud_max=500.0), 0.2, [1.0, 2.0, 0.0]),
-    ],
+    sampled_rows(
+        [
+            (mo.load_robot("planar_3r").with_limits(taud_max=[800.0, 400.0, 200.0]), 1.0, 0.4),
+            (telescope().with_limits(taud_max=[900.0, 2000.0, 300.0]), 0.5, 0.5),
+            (turned("planar_3r").with_limits(taud_max=500.0), 0.2, [1.0, 2.0, 0.0]),
+        ],
+        3,
+    ),
 )
 def test_no_state_breaks_a_proved_box_of_jerks(robot: mo.Robot, load: float, speed: Any) -> None:
     found = mo.acceleration_limits(robot, load, speed=speed, jerk=True)

@@ -17,6 +17,7 @@ from rerun.chunk import RrdReader
 
 import make_commands
 import microbot_ocp as mo
+from helpers import sampled
 from microbot_ocp.cli import (
     _doctor,
     _motions as motions,
@@ -267,7 +268,7 @@ def test_robots(call, ask):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", mo.packaged_robots())
+@pytest.mark.parametrize("name", sampled(mo.packaged_robots(), 3))
 def test_show_fits_80_columns_and_tells_everything(call, ask, name):
     code, out, _ = call("show", name)
     assert code == 0
@@ -284,7 +285,7 @@ def test_show_fits_80_columns_and_tells_everything(call, ask, name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", mo.packaged_robots())
+@pytest.mark.parametrize("name", sampled(mo.packaged_robots(), 3))
 def test_a_packaged_robot_is_a_start_for_a_robot_file(call, tmp_path, name):
     code, out, err = call("show", name, "--toml")
     assert (code, err) == (0, "")
@@ -743,6 +744,7 @@ def test_a_stream_that_knows_ascii_only(program):
     assert program("show", "planar_2r", PYTHONIOENCODING="ascii").returncode == 0
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_a_solve_writes_into_the_cache_only(program):
     done = program("compare", *SHORT, "--methods", "cubic")

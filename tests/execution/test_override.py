@@ -36,6 +36,7 @@ def test_a_stop_and_another_speed_come_as_soon_as_the_torque_lets_them(rail):
     assert on.q[-1, 0] == pytest.approx(1.6, abs=1e-9)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_an_arm_under_gravity_keeps_its_torques_at_every_speed(microbot):
     via_q = np.radians([[0, 0, 0], [-90, 90, 90]])
@@ -49,6 +50,7 @@ def test_an_arm_under_gravity_keeps_its_torques_at_every_speed(microbot):
     assert mo.execution.overridden(microbot, motion, 0.0, 1.0).duration <= 1.001 * motion.duration
 
 
+@pytest.mark.thorough
 def test_an_arm_that_brakes_as_hard_as_it_can_has_no_sooner_stop(rail):
     """Between places of an even grid limits were exceeded by 0.3 %."""
     motion = mo.time_optimal(rail, [[0.0], [1.6]], compiled=False, starts=1)

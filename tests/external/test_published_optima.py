@@ -27,7 +27,14 @@ from external.published_problems import (
 pytestmark = pytest.mark.slow
 
 BY_NAME = {problem.name: problem for problem in PROBLEMS}
-LONG = ("robot_arm", "cart_pole", "cart_pole_arcs", "van_der_pol_time", "pendulum")
+LONG = (
+    "robot_arm",
+    "goddard_phases",
+    "cart_pole",
+    "cart_pole_arcs",
+    "van_der_pol_time",
+    "pendulum",
+)
 SCRIPT = Path(__file__).resolve().parents[2] / "problems" / "10_published_optima.py"
 CASES = [
     pytest.param(

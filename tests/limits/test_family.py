@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import microbot_ocp as mo
-from helpers import two_link_arm
+from helpers import sampled, two_link_arm
 from microbot_ocp.limits import (
     LimitFamily,
     MotionSamples,
@@ -277,7 +277,7 @@ def test_paths_are_timed_under_it(kind):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", FURTHER)
+@pytest.mark.parametrize("kind", sampled(FURTHER, 3))
 def test_shapes_are_scaled_to_it(kind):
     robot = MICROBOT.with_limits(**FURTHER[kind]).with_limits(tau_max=1e4, qd_max=100.0)
     found = mo.shortest_duration(robot, mo.quintic(VIA_Q, [0.0, 1.0, 2.0]))

@@ -787,6 +787,7 @@ def test_what_the_drives_lack_is_said(changes: dict[str, object], said: str) -> 
     assert ("rotor" in said or not said) == (mo.robot.drive_advice(with_rotors) == "")
 
 
+@pytest.mark.thorough
 def test_show_and_the_note_of_a_motion_say_what_drives_lack(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

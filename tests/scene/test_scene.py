@@ -443,7 +443,8 @@ def test_a_first_way_is_proved_before_others_are_looked_for(monkeypatch) -> None
     assert f"{legs[0].first_motion.duration:.4f} s" in text
 
 
-@pytest.mark.parametrize("stopped", [pytest.param(False, marks=pytest.mark.thorough), True])
+@pytest.mark.thorough
+@pytest.mark.parametrize("stopped", [False, True])
 def test_what_is_far_away_changes_nothing(stopped: bool) -> None:
     """The search from a path ends as near its limits as the one among nothing."""
     arm, ends = mo.load_robot("microbot"), np.array([[0.04, 1.44, -1.14], [1.44, -0.6, -0.25]])

@@ -204,6 +204,7 @@ def test_noise_is_reproducible_by_its_seed(robot):
     np.testing.assert_allclose(drawn.mean(axis=0), 0.0, atol=1e-3)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_an_unstable_loop_is_told():
     slider = mo.Robot.from_dh(

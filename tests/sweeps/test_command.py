@@ -80,6 +80,7 @@ def test_without_a_compiler_the_row_is_the_same_and_says_so(
     assert other[name] == pytest.approx(row[name], rel=1e-6)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_an_interrupted_sweep_says_how_to_continue(study: Path) -> None:
     command = [sys.executable, "-m", "microbot_ocp.cli", "sweep", "study.toml", "--out", "out"]

@@ -286,6 +286,7 @@ def test_bad_input_is_refused_before_any_method_runs(microbot, options, said):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.thorough
 def test_methods_of_given_times_are_left_out_where_none_are_given():
     robot = mo.load_robot("planar_2r")
     result = mo.compare(robot, [[0, 0], [0.3, 0.5]], mesh=20, starts=1, grid=100)

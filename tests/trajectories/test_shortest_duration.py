@@ -135,6 +135,7 @@ def test_the_report_motions_are_as_short_as_the_limits_allow(name):
     assert worst(robot, robot.limits, found.polynomial.stretched(1.5)) < 1.0
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 @settings(max_examples=6, deadline=None)
 @given(st.integers(0, 10_000), st.sampled_from(["none", "viscous", "coulomb"]))

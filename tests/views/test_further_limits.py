@@ -165,6 +165,7 @@ def test_a_comparison_has_a_column_for_it(comparison, tmp_path):
     assert any(name.startswith("utilisation_tool_speed") for name in head)
 
 
+@pytest.mark.thorough
 def test_a_broken_one_is_named_in_the_verdict(robot, motion):
     entry = mo.compare(robot, VIA_Q, ["cubic"]).entries[0]
     certificate = mo.certify(robot, motion)

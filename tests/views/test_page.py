@@ -47,6 +47,7 @@ def test_figure_of_anything_drawn():
         plots.figure_of(np.zeros(2))
 
 
+@pytest.mark.thorough
 def test_save_makes_the_folder_and_names_its_files(tmp_path):
     figure = Figure()
     written = plots.save({"one": figure, "two": figure.subplots()}, tmp_path / "new")

@@ -68,6 +68,7 @@ def test_the_payload_is_part_of_the_robot(at_rest, robot):
     assert needed.full().ravel() == pytest.approx(at_rest.motion.tau[0], rel=1e-6)
 
 
+@pytest.mark.thorough
 def test_a_setting_that_cannot_be_is_told_and_shows_no_motion(at_rest):
     at_rest.torque.value, at_rest.payload.value = 60, 2.0
     assert at_rest.wait()

@@ -74,6 +74,7 @@ def test_shaded_where_the_torque_is_at_its_limit(robot, runs, motion):
     assert "torque at its limit" in legend_texts(grid.figure)
 
 
+@pytest.mark.thorough
 def test_several_controllers_have_a_colour_a_style_and_shades_of_their_own(robot, runs):
     grid = mo.plots.tracking(robot, runs)
     lines = grid[0, 0].get_lines()

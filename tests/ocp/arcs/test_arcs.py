@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from external.published_problems import PROBLEMS
+from helpers import sampled
 from microbot_ocp.ocp.arcs import hold
 from microbot_ocp.ocp.problem import OptimalControlProblem, with_shapes
 from microbot_ocp.ocp.solvers import SolverSettings
@@ -29,7 +30,7 @@ def along() -> OptimalControlProblem:
     return problem
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("scheme", sampled(SCHEMES, 3))
 def test_the_switch_of_a_double_integrator_is_in_the_middle(scheme):
     refined = solved_to(double_integrator(), 1e-8, 7, scheme, settings=FINE, switches=1e-6)
     assert refined.history[0].cost > 2.001

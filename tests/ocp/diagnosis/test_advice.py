@@ -92,6 +92,7 @@ def overdetermined() -> OptimalControlProblem:
     return problem
 
 
+@pytest.mark.thorough
 def test_a_solver_that_breaks_down_is_an_attempt_and_the_chain_goes_on():
     assert len({a.way for a in solve(overdetermined(), 5).attempts}) > 2  # of other strategies
     solution = solve(overdetermined(), 5, settings=SolverSettings(("ipopt", "fatrop")))

@@ -4,6 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from helpers import sampled, sampled_rows
 from microbot_ocp.ocp import OptimalControlProblem, SolverSettings, Status, solve
 from microbot_ocp.ocp.diagnosis import kinks, unheld
 
@@ -32,7 +33,7 @@ def fuel(form):
     return problem
 
 
-@pytest.mark.parametrize("form", ["slack", "norm", "root", "absolute"])
+@pytest.mark.parametrize("form", sampled(["slack", "norm", "root", "absolute"], 2))
 def test_the_kink_and_a_form_without_are_named(form):
     solution = solve(fuel(form), 24, settings=SolverSettings("ipopt", max_iterations=60))
     assert not solution.solved
@@ -73,12 +74,15 @@ def test_without_a_kink_nothing_is_said():
 
 @pytest.mark.parametrize(
     ("declared", "told"),
-    [
-        ({}, True),
-        ({"shape": "linear"}, False),
-        ({"lower": -9.0}, False),
-        ({"shape": "constant"}, False),
-    ],
+    sampled_rows(
+        [
+            ({}, True),
+            ({"shape": "linear"}, False),
+            ({"lower": -9.0}, False),
+            ({"shape": "constant"}, False),
+        ],
+        2,
+    ),
 )
 def test_a_control_that_a_constraint_alone_limits_is_named_where_a_gap_is_left(declared, told):
     problem = OptimalControlProblem("pendulum")

@@ -4,6 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from helpers import sampled_rows
 from microbot_ocp.ocp.mesh import divide, state_errors
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.refinement import PASSING
@@ -22,7 +23,8 @@ by_every_scheme = pytest.mark.parametrize("scheme", SCHEMES)
 
 
 @pytest.mark.parametrize(
-    ("scheme", "order"), [("shooting", 4), ("trapezoidal", 2), ("hermite_simpson", 4)]
+    ("scheme", "order"),
+    sampled_rows([("shooting", 4), ("trapezoidal", 2), ("hermite_simpson", 4)], 2),
 )
 def test_local_errors_go_with_the_order_of_the_scheme(scheme, order):
     meshes = np.array([16, 32, 64])

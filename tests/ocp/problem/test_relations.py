@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from helpers import sampled
 from microbot_ocp import InputError
 from microbot_ocp.ocp import OptimalControlProblem, Phase, SolverSettings, explain, verify
 from ocp.textbook import solve_once as solve
@@ -39,7 +40,7 @@ ALONG = {
 }
 
 
-@pytest.mark.parametrize("case", ALONG)
+@pytest.mark.parametrize("case", sampled(ALONG, 4))
 def test_a_relation_along_the_phase_holds(case: str) -> None:
     problem, phase, x, v = way()
     relation, duration = ALONG[case]

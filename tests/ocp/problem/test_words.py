@@ -294,6 +294,7 @@ def test_the_clock_goes_on_from_phase_to_phase():
     assert verify(problem, solution).ok
 
 
+@pytest.mark.thorough
 def test_a_template_is_repeated_with_data_of_its_own():
     # two experiments, a decay each from its own start: one rate, two data
     problem = OptimalControlProblem("experiments")
@@ -325,6 +326,7 @@ def test_two_components_with_a_pair_are_ambiguous():
         phase.state("x", 2, initial=(1.0, 2.0))
 
 
+@pytest.mark.thorough
 def test_functions_of_numbers_are_differentiated_by_differences():
     problem = OptimalControlProblem("slope")
     slower = numeric_function(lambda x, share: 1.0 - share * x / 2, sizes=(1, 1))

@@ -277,6 +277,7 @@ def smooth_effort():
     return problem
 
 
+@pytest.mark.thorough
 def test_a_control_that_follows_its_dynamics_but_is_too_coarse_is_refined():
     exact = 1 / np.tanh(1.0)
     loose = solved_to(smooth_effort(), mesh=4, cost=np.inf)

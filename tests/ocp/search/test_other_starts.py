@@ -50,7 +50,7 @@ def by_start():
     ("problem", "cost"),
     [
         pytest.param(wells(), least([0.2]), marks=pytest.mark.thorough),
-        (wells(upper=2.0), least([0.2])),
+        pytest.param(wells(upper=2.0), least([0.2]), marks=pytest.mark.thorough),
         pytest.param(
             wells(tilts=(0.2, -0.2), start=0.1),
             least([0.2, -0.2], 0.1),
@@ -68,6 +68,7 @@ def test_the_deeper_well_is_found(problem, cost):
     assert found.compared > 0
 
 
+@pytest.mark.thorough
 def test_an_answer_says_that_it_was_compared_with_nothing(tmp_path):
     alone = solve(wells(), settings=SolverSettings("ipopt"))
     assert alone.compared == 0

@@ -296,6 +296,7 @@ def test_other_starts_have_other_values_of_free_parameters():
     assert solution.cost == pytest.approx((1.5 * d**2 - 3 * d * w + 2 * w**2).min(), rel=1e-6)
 
 
+@pytest.mark.thorough
 def test_a_guess_at_a_kink_is_moved_off_it():
     """The norm of two controls that are guessed at zero has no slope there."""
     problem = OptimalControlProblem("fuel")
@@ -318,6 +319,7 @@ def test_an_answer_far_smaller_than_its_scales_is_solved_again():
     assert any(a.way == "with the scales of the first answer" for a in solution.attempts)
 
 
+@pytest.mark.thorough
 def test_no_more_starts_are_tried_where_the_first_agree(monkeypatch):
     solved = []
     inner = _other_starts._CoarseSolver.solved

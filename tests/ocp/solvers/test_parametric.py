@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from helpers import sampled_rows
 from microbot_ocp import InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.search import solve
@@ -42,19 +43,22 @@ def solver():
 
 @pytest.mark.parametrize(
     ("changes", "declared"),
-    [
-        ({}, {}),
-        ({"parameters": {"move": {"mass": 1.3}}}, {"mass": 1.3}),
-        ({"bounds": {"move": {"u": (-0.8, 0.8)}}}, {"force": 0.8}),
-        ({"bounds": {"move": {"v": (None, 0.7)}}}, {"top": 0.7}),
-        ({"bounds": {"move": {"power": (None, 0.4)}}}, {"power": 0.4}),
-        ({"final": {"move": {"x": 1.5}}}, {"goal": 1.5}),
-        ({"initial": {"move": {"x": -0.5}}}, {"goal": 1.5}),
-        (
-            {"durations": {"move": (0.1, 2.5)}, "parameters": {"move": {"mass": 1.2}}},
-            {"longest": 2.5, "mass": 1.2},
-        ),
-    ],
+    sampled_rows(
+        [
+            ({}, {}),
+            ({"parameters": {"move": {"mass": 1.3}}}, {"mass": 1.3}),
+            ({"bounds": {"move": {"u": (-0.8, 0.8)}}}, {"force": 0.8}),
+            ({"bounds": {"move": {"v": (None, 0.7)}}}, {"top": 0.7}),
+            ({"bounds": {"move": {"power": (None, 0.4)}}}, {"power": 0.4}),
+            ({"final": {"move": {"x": 1.5}}}, {"goal": 1.5}),
+            ({"initial": {"move": {"x": -0.5}}}, {"goal": 1.5}),
+            (
+                {"durations": {"move": (0.1, 2.5)}, "parameters": {"move": {"mass": 1.2}}},
+                {"longest": 2.5, "mass": 1.2},
+            ),
+        ],
+        3,
+    ),
 )
 def test_a_changed_number_is_a_newly_declared_one(solver, changes, declared):
     expected = solve(cart(**declared), 20, settings=SolverSettings("ipopt"))

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from helpers import sampled
 from microbot_ocp import InputError
 from microbot_ocp.ocp import Status
 from microbot_ocp.ocp.problem import OptimalControlProblem
@@ -136,7 +137,7 @@ def pull(mass=1.0, strength=1.0):
 
 
 @pytest.mark.parametrize(
-    "solver", ["auto", "ipopt", pytest.param("fatrop", marks=pytest.mark.thorough)]
+    "solver", sampled(["auto", "ipopt", pytest.param("fatrop", marks=pytest.mark.thorough)], 2)
 )
 def test_a_run_is_repeated_from_its_file(solver, tmp_path):
     guess = {"move": Guess(400.0, {"x": lambda s: 5e4 * s[:, None], "v": 100.0, "u": 0.1})}

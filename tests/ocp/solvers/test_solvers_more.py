@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from helpers import sampled, sampled_rows
 from microbot_ocp import InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.search import solve
@@ -44,13 +45,16 @@ def test_the_blas_of_ipopt_does_not_wait_in_other_threads():
 
 @pytest.mark.parametrize(
     ("problem", "mesh", "cost"),
-    [
-        (double_integrator(), 20, 2.0),
-        (bryson_denham(1 / 9), 36, 4.0),
-        (regulator(), 40, np.tanh(1) / 2),
-        (spline((1.0, 0.5), 0.3), 8, 19.29),
-        (through_half_way(("x", "v")), 24, 0.5 + np.sqrt(1.5)),
-    ],
+    sampled_rows(
+        [
+            (double_integrator(), 20, 2.0),
+            (bryson_denham(1 / 9), 36, 4.0),
+            (regulator(), 40, np.tanh(1) / 2),
+            (spline((1.0, 0.5), 0.3), 8, 19.29),
+            (through_half_way(("x", "v")), 24, 0.5 + np.sqrt(1.5)),
+        ],
+        2,
+    ),
     ids=lambda p: getattr(p, "name", ""),
 )
 def test_the_sqp_method_finds_known_optima(problem, mesh, cost):
@@ -74,7 +78,7 @@ def iterations(solution):
     return sum(attempt.iterations for attempt in solution.attempts)
 
 
-@pytest.mark.parametrize("scheme", ["shooting", "radau", "hermite_simpson"])
+@pytest.mark.parametrize("scheme", sampled(["shooting", "radau", "hermite_simpson"], 2))
 def test_a_solution_warms_the_same_mesh_and_another(scheme):
     transcription = Transcription(bryson_denham(1 / 9), scheme=scheme)
     settings = SolverSettings("ipopt")
@@ -103,6 +107,7 @@ def test_multipliers_on_a_finer_mesh_are_near_those_found_there():
     )
 
 
+@pytest.mark.thorough
 def test_one_phase_starts_from_two_and_two_from_one():
     two = through_half_way(("x", "v"))
     one = double_integrator()

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from helpers import crossed
+from helpers import crossed, sampled, sampled_rows
 from microbot_ocp import InputError
 from microbot_ocp.ocp import (
     Guess,
@@ -47,7 +47,7 @@ def test_a_rocket_in_si_units_needs_no_scales(solver):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("m", "s"), [(1e3, 1e3), (1e-3, 1e6)])
+@pytest.mark.parametrize(("m", "s"), sampled_rows([(1e3, 1e3), (1e-3, 1e6)], 2))
 @pytest.mark.parametrize("solver", ["ipopt", pytest.param("fatrop", marks=pytest.mark.thorough)])
 def test_an_arm_in_odd_units_takes_the_time_that_it_takes_in_good_ones(solver, m, s):
     def time(length_unit, time_unit, how, **more):
@@ -90,7 +90,7 @@ def test_costates_and_certificate_are_in_the_units_of_the_declaration(scheme):
     np.testing.assert_allclose(costate["v"].ravel(), wanted, atol=1e-6 * abs(wanted[0]))
 
 
-@pytest.mark.parametrize("how", ["auto", "declared"])
+@pytest.mark.parametrize("how", sampled(["auto", "declared"], 2))
 def test_a_certificate_is_of_the_scales_of_the_solve(how):
     problem = robot_arm(1e3, 1e3)
     settings = SolverSettings(solver="ipopt", tolerance=1e-9, scaling=how, gap=np.inf)
@@ -261,11 +261,17 @@ def gust(width: float, at: float) -> OptimalControlProblem:
 
 @pytest.mark.parametrize(
     ("width", "at"),
-    [
-        (0.3, 4.1),
-        (0.02, 2.222),
-        *(pytest.param(*case, marks=pytest.mark.thorough) for case in ((0.1, 4.1), (0.05, 4.3))),
-    ],
+    sampled_rows(
+        [
+            (0.3, 4.1),
+            (0.02, 2.222),
+            *(
+                pytest.param(*case, marks=pytest.mark.thorough)
+                for case in ((0.1, 4.1), (0.05, 4.3))
+            ),
+        ],
+        2,
+    ),
 )
 def test_the_tail_of_a_pulse_is_no_size(width, at):
     """The least effort is linear in time: it undoes the impulse and its moment."""
@@ -278,6 +284,7 @@ def test_the_tail_of_a_pulse_is_no_size(width, at):
     assert found.cost == pytest.approx(effort @ moments @ effort, rel=1e-5)
 
 
+@pytest.mark.thorough
 def test_components_that_stay_zero_keep_a_scale():
     """A plane motion in space: nothing ever moves along z, and a second scaling sees zeros."""
     problem = OptimalControlProblem("in a plane")

@@ -44,6 +44,7 @@ def times(found):
     return [junction.time for junction in found.junctions]
 
 
+@pytest.mark.thorough
 def test_a_singular_arc_that_ends_the_motion():
     found = solved(integrator()[0])
     assert found.solved
@@ -57,6 +58,7 @@ def test_a_singular_arc_that_ends_the_motion():
     np.testing.assert_allclose(known["x"][:, 0], [0.5, 0.0, 0.0], atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_a_feedback_that_is_not_constant():
     """u = x1 from where x1 and x2 reach the surface of those that end with x2 = 0 at T.
 
@@ -112,6 +114,7 @@ def test_a_motion_that_is_to_end_where_the_singular_arc_is():
     assert found.junctions[0].after == SINGULAR
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "cost", "wanted"),
     [
@@ -134,6 +137,7 @@ def test_digits_that_a_solve_for_the_least_cost_does_not_have(name, cost, wanted
     assert found.singular.kelley < 0.0
 
 
+@pytest.mark.thorough
 def test_other_problems_keep_the_polynomial_and_say_why():
     problem, phase, _, u = integrator()
     phase.running_cost(1e-3 * u**2)
@@ -148,6 +152,7 @@ def test_other_problems_keep_the_polynomial_and_say_why():
     assert SINGULAR not in str(found)
 
 
+@pytest.mark.thorough
 def test_a_control_of_higher_order_is_said():
     problem = BY_NAME["luus_singular_4"].build()
     found = solve_switching_times(problem, solve(problem, 30, scheme="radau"), rounds=2)

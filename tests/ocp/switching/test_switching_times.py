@@ -30,6 +30,7 @@ def switching(name, mesh=50):
     return solve_switching_times(problem, solve(problem, mesh, scheme="radau"))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "name", [pytest.param("luus_arm", marks=pytest.mark.thorough), "dissanayake_arm"]
 )
@@ -51,6 +52,7 @@ def test_bang_bang_is_exact_from_a_coarse_mesh():
     assert [j.after for j in found.junctions] == ["lower limit", "upper limit", "lower limit"]
 
 
+@pytest.mark.thorough
 def test_a_singular_arc_between_two_that_are_held():
     """Catalyst mixing: 0.1363 and 0.7252 are published; 1 - 0.7252 as in the longer one."""
     found = switching("catalyst_mixing")
@@ -76,6 +78,7 @@ def along(top_speed, acceleration=1.0):
     return problem
 
 
+@pytest.mark.thorough
 def test_a_limit_of_a_state_determines_the_control_of_its_arc():
     found = solve_switching_times(along(2.0))
     assert found.solved
@@ -88,6 +91,7 @@ def test_a_limit_of_a_state_determines_the_control_of_its_arc():
     assert found.duration("move") == pytest.approx(4.5)
 
 
+@pytest.mark.thorough
 def test_a_limit_of_second_order():
     """Breakwell's problem: on the ceiling from 3 L to 1 - 3 L, cost 4 / (9 L)."""
     found = switching("breakwell")
@@ -133,6 +137,7 @@ def test_a_limit_of_a_state_goes_on_where_others_begin_and_end():
     assert times == pytest.approx(wanted, abs=1e-7)
 
 
+@pytest.mark.thorough
 def test_several_phases_have_their_own_times():
     problem = OptimalControlProblem("there and back")
     for name, ends, force in (("there", (0.0, 1.0), 1.0), ("back", (None, 0.0), 2.0)):

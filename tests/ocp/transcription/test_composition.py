@@ -4,6 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from helpers import sampled
 from microbot_ocp.ocp import OptimalControlProblem, Transcription
 from microbot_ocp.ocp.transcription import _composition, _kernels
 
@@ -34,7 +35,7 @@ def problem(*, mixed):
     return problem
 
 
-@pytest.mark.parametrize("mixed", [False, True])
+@pytest.mark.parametrize("mixed", sampled([False, True], 2))
 def test_they_are_those_of_the_stage_written_out(mixed):
     stage = Transcription(problem(mixed=mixed)).kernels[0].stage
     assert not stage.hessian.is_a("SXFunction")  # divided
@@ -72,6 +73,7 @@ def test_the_end_is_divided_where_all_derivatives_are_given():
             assert np.allclose(np.array(mine), np.array(other), rtol=1e-10, atol=1e-10)
 
 
+@pytest.mark.thorough
 def test_light_functions_are_written_out(monkeypatch):
     monkeypatch.setattr(_composition, "HEAVY", 10**9)
     assert Transcription(problem(mixed=True)).kernels[0].stage.hessian.is_a("SXFunction")

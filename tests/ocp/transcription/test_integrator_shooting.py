@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from helpers import crossed
+from helpers import crossed, sampled
 from microbot_ocp import InputError
 from microbot_ocp.ocp import (
     IntegratorShooting,
@@ -89,7 +89,7 @@ DAES = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", DAES)
+@pytest.mark.parametrize("kind", sampled(DAES, 3))
 def test_equations_that_integrators_stop_at_print_nothing(kind, capfd):
     begin, equation = DAES[kind]
     problem = OptimalControlProblem("dae")
@@ -104,6 +104,7 @@ def test_equations_that_integrators_stop_at_print_nothing(kind, capfd):
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.thorough
 def test_what_a_progress_function_prints_is_heard(capfd):
     import sys
 

@@ -88,6 +88,7 @@ def swing():
     return solve(pendulum(), [mesh], settings=EXACT, scheme=GAUSS)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_a_solution_on_an_uneven_mesh_passes_the_certificate(swing):
     assert swing.status.solved

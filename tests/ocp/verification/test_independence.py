@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from helpers import sampled, sampled_rows
 from microbot_ocp.ocp import OptimalControlProblem, SolverSettings, Transcription, verify
 from microbot_ocp.ocp.solution import unpack
 from microbot_ocp.ocp.transcription import (
@@ -46,7 +47,9 @@ def cart(drag: float = 0.3) -> OptimalControlProblem:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "scheme",
-    [*SCHEMES.values(), Shooting(3), Collocation("radau", 1), Collocation("legendre", 6)],
+    sampled(
+        [*SCHEMES.values(), Shooting(3), Collocation("radau", 1), Collocation("legendre", 6)], 3
+    ),
     ids=str,
 )
 def test_rows_and_cost_of_the_declared_expressions_are_those_of_the_program(scheme):
@@ -66,10 +69,13 @@ def test_rows_and_cost_of_the_declared_expressions_are_those_of_the_program(sche
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "scheme",
-    [
-        s if s in ("radau", "shooting") else pytest.param(s, marks=pytest.mark.thorough)
-        for s in SCHEMES
-    ],
+    sampled(
+        [
+            s if s in ("radau", "shooting") else pytest.param(s, marks=pytest.mark.thorough)
+            for s in SCHEMES
+        ],
+        2,
+    ),
 )
 def test_what_is_right_passes(scheme):
     problem = cart()
@@ -133,14 +139,17 @@ def lost_end_condition(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("plant", "said"),
-    [
-        (lost_running_cost, "the cost is "),
-        (wrong_dynamics, "not feasible: step of "),
-        (halved_constraint, "constraint power of phase 'out' is "),
-        (constraint_left_out, "constraint power of phase 'out' is "),
-        (wrong_link, "not feasible: link of "),
-        (lost_end_condition, "end of x in phase 'on' is "),
-    ],
+    sampled_rows(
+        [
+            (lost_running_cost, "the cost is "),
+            (wrong_dynamics, "not feasible: step of "),
+            (halved_constraint, "constraint power of phase 'out' is "),
+            (constraint_left_out, "constraint power of phase 'out' is "),
+            (wrong_link, "not feasible: link of "),
+            (lost_end_condition, "end of x in phase 'on' is "),
+        ],
+        3,
+    ),
 )
 def test_a_fault_in_what_makes_the_program_is_found(plant, said, monkeypatch):
     plant(monkeypatch)

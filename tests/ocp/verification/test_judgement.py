@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from benchmarks.suite.table import BY_NAME
 
+from helpers import sampled_rows
 from microbot_ocp import Status
 from microbot_ocp.ocp import Guess, OptimalControlProblem, SolverSettings, solve, verify
 from microbot_ocp.ocp.search import _other_starts
@@ -73,12 +74,15 @@ AROUND = (2 * np.sqrt(21.0) + 4 * (np.pi / 2 - np.arccos(0.4))) ** 2
 
 @pytest.mark.parametrize(
     ("problem", "cost"),
-    [
-        (brockett, 2 * np.pi),
-        pytest.param(vibrating_string, 0.75 * np.pi**2, marks=pytest.mark.thorough),
-        (elastica, 25.694048),  # of an integration of the pendulum's equation
-        pytest.param(around_a_disc, AROUND, marks=pytest.mark.thorough),
-    ],
+    sampled_rows(
+        [
+            (brockett, 2 * np.pi),
+            pytest.param(vibrating_string, 0.75 * np.pi**2, marks=pytest.mark.thorough),
+            (elastica, 25.694048),  # of an integration of the pendulum's equation
+            pytest.param(around_a_disc, AROUND, marks=pytest.mark.thorough),
+        ],
+        2,
+    ),
 )
 def test_a_symmetric_guess_is_left(problem, cost):
     solution = solve(problem())
@@ -99,6 +103,7 @@ def two_wells():
     return problem
 
 
+@pytest.mark.thorough
 def test_a_saddle_is_said_to_be_none_and_left_by_its_direction():
     saddle = solve(two_wells(), settings=SolverSettings("ipopt"))  # as it is told, and no other way
     assert saddle.status is Status.SADDLE
@@ -205,6 +210,7 @@ def test_a_busy_machine_gives_the_same_bits(monkeypatch):
 # costs without a lower bound ----------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_a_cost_that_falls_for_ever_is_called_unbounded():
     problem = OptimalControlProblem("as far as possible")
     phase = problem.phase("all", 1.0)

@@ -4,6 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from helpers import sampled_rows
 from microbot_ocp.ocp import (
     OptimalControlProblem,
     SolverSettings,
@@ -54,7 +55,7 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("way", "where"), CASES)
+@pytest.mark.parametrize(("way", "where"), sampled_rows(CASES, 3))
 def test_a_table_left_is_said_with_where(way, where):
     problem = car(way, where)
     solution = solve(problem, 12, settings=SolverSettings("ipopt"))
@@ -69,6 +70,7 @@ def test_a_table_left_is_said_with_where(way, where):
     assert use.value == pytest.approx(solution["run"]["v"].max(), rel=0.1)
 
 
+@pytest.mark.thorough
 def test_within_the_grid_nothing_is_said():
     problem = car(fastest=1.5)
     solution = solve(problem, settings=SolverSettings("ipopt"))
@@ -79,6 +81,7 @@ def test_within_the_grid_nothing_is_said():
     assert all(use.relative <= Thresholds().excess for use in uses)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_a_table_left_is_final_for_a_whole_solve():
     solution = solve(car("bspline"))

@@ -29,6 +29,7 @@ def two_links():
     )
 
 
+@pytest.mark.thorough
 def test_the_fastest_motion_of_a_two_link_arm_to_ten_digits():
     """0.391854539515663 s is PROPT's figure."""
     motion = mo.time_optimal(two_links(), VIA, starts=1, mesh=60, switching_times=True)
@@ -62,6 +63,7 @@ def test_one_joint_that_reaches_its_speed_limit():
     assert times == [0.5, 2.0]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "family", "via", "most"),
     [

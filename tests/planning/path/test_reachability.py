@@ -349,6 +349,7 @@ def test_wider_limits_are_never_slower():
     assert durations == sorted(durations, reverse=True)
 
 
+@pytest.mark.thorough
 def test_a_compiled_pass_is_the_same_pass(monkeypatch):
     monkeypatch.setattr(fast_calls, "WORTH_COMPILING", -1.0)
     one, other = (

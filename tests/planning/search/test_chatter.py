@@ -44,6 +44,7 @@ def test_without_a_limit_of_the_torque_or_masses_nothing_is_told(microbot):
     assert chatter(microbot.with_limits(tau_max=np.inf), motion) == ()
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_a_planned_motion_that_chatters_says_so_and_slack_calms_it():
     robot = mo.load_robot("microbot")

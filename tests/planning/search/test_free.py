@@ -86,6 +86,7 @@ def test_a_weak_pendulum_swings_back_first():
 # laws ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_without_gravity_the_way_back_takes_as_long_and_half_with_four_times_the_torque():
     there, again, strong = (
@@ -100,6 +101,7 @@ def test_without_gravity_the_way_back_takes_as_long_and_half_with_four_times_the
     assert there / strong == pytest.approx(2.0, rel=1.5e-3)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_larger_limits_are_faster_and_never_slower_than_the_scaled_cubic():
     durations = []
@@ -122,6 +124,7 @@ def test_a_point_less_is_never_slower():
 # the report's task --------------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_the_report_task_is_solved_in_less_than_any_given_path(microbot, report):
     assert report.solved
@@ -155,6 +158,7 @@ def test_the_acceleration_is_continuous_and_so_is_the_torque(report):
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "changes",
@@ -180,6 +184,7 @@ def test_the_same_seed_is_the_same_motion():
     np.testing.assert_array_equal(one.q, other.q)
 
 
+@pytest.mark.thorough
 def test_starts_beside_the_refinement_lead_to_the_same_motion(microbot, monkeypatch):
     made = []
     for spare in (True, False):
@@ -230,6 +235,7 @@ def test_an_optimum_that_few_starts_led_to_is_not_called_the_fastest(microbot):
     assert mo.certify(microbot, motion).ok
 
 
+@pytest.mark.thorough
 def test_starts_are_compared_on_one_mesh():
     """With a weak side in every joint; on a mesh of their own swings seemed faster than bows."""
     task = one_sided.task_of(100)
@@ -286,7 +292,12 @@ def test_progress_is_told_in_lines_and_iterations(microbot):
     [
         ({"tau_max": [60.0, 25.0], "qdd_max": [4.0, 6.0]}, "qdd", 1e-3),
         ({"qd_max": 2.0, "qdd_max": 8.0}, "qd", 1e-3),
-        ({"tau_max": [60.0, 25.0], "taud_max": [400.0, 150.0]}, "taud", 5e-3),
+        pytest.param(
+            {"tau_max": [60.0, 25.0], "taud_max": [400.0, 150.0]},
+            "taud",
+            5e-3,
+            marks=pytest.mark.thorough,
+        ),
     ],
 )
 def test_acceleration_and_torque_rate_limits_hold(limits, met, allowed):

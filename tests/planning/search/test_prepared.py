@@ -34,6 +34,7 @@ def test_equals_a_cold_solve_of_the_robot_with_these_limits_and_this_payload(
     assert certificate.ok, certificate.verdict
 
 
+@pytest.mark.thorough
 def test_the_answer_does_not_depend_on_what_was_asked_before(microbot, prepared):
     first = prepared(payload=0.5)
     prepared(mo.Limits(qd_max=1.0, tau_max=0.8 * microbot.limits.tau_max))
@@ -47,6 +48,7 @@ def test_near_the_limits_of_the_robot_a_solve_takes_few_iterations(prepared):
     assert start["iterations"] < 25
 
 
+@pytest.mark.thorough
 def test_a_search_finds_nothing_slower(prepared):
     quick, thorough = prepared(payload=1.5), prepared(payload=1.5, search=True)
     assert len(thorough.provenance["starts"]) == 5
@@ -126,6 +128,7 @@ def test_other_via_points_are_numbers_of_the_same_solver(microbot, prepared):
         prepared(via_q=via_q[:2])
 
 
+@pytest.mark.thorough
 def test_a_prepared_answer_that_is_solved_keeps_its_limits_as_well_as_others(prepared):
     for share in (0.8, 1.1):
         limits = prepared.robot.limits

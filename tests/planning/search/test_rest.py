@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
+from helpers import sampled
 from microbot_ocp.planning import straight_path, time_optimal_path
 from planning.shared import ARM_VIA, VIA_Q, VIA_T, arm, slider
 
@@ -82,6 +83,7 @@ def test_the_panda_leaves_from_the_torques_that_hold_it():
         assert largest_step(robot, motion) < 1.005
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "stop", [{"dwell": 0.3}, pytest.param({"velocity": "rest"}, marks=pytest.mark.thorough)]
@@ -105,12 +107,15 @@ def test_a_prepared_solver_leaves_from_the_torques_that_hold_the_arm():
 
 @pytest.mark.parametrize(
     "path",
-    [
-        straight_path(ARM_VIA),
-        mo.cubic(ARM_VIA, [0.0, 1.0, 2.0]),
-        mo.quintic(ARM_VIA, [0.0, 1.0, 2.0]),
-        mo.spline(ARM_VIA, [0.0, 1.0, 2.0]),
-    ],
+    sampled(
+        [
+            straight_path(ARM_VIA),
+            mo.cubic(ARM_VIA, [0.0, 1.0, 2.0]),
+            mo.quintic(ARM_VIA, [0.0, 1.0, 2.0]),
+            mo.spline(ARM_VIA, [0.0, 1.0, 2.0]),
+        ],
+        2,
+    ),
     ids=["corner", "cubic", "quintic", "spline"],
 )
 @pytest.mark.parametrize("share", [0.25, pytest.param(1.0, marks=pytest.mark.thorough)])

@@ -62,6 +62,7 @@ def test_cost_and_infeasibility_are_those_of_every_iteration(recorded):
         np.testing.assert_allclose(found, values, rtol=1e-12)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_the_trail_of_every_iterate_is_the_path_of_its_tool(recorded):
     path, motion, iterations, _ = recorded

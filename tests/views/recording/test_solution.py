@@ -39,6 +39,7 @@ def test_phases_and_bounds(cart):
     assert not read(cart, "/plots/x/limit_upper", "Scalars:scalars")[0].size
 
 
+@pytest.mark.thorough
 def test_what_failed_says_so(tmp_path):
     problem = mo.OptimalControlProblem("short of time")
     phase = problem.phase("go", duration=(0.1, 0.2))
