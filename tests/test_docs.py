@@ -277,6 +277,21 @@ def test_blocks_share_a_folder_and_print_what_the_page_says(tmp_path: Path) -> N
         blocks.run_page(page, tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("printed", "page", "same"),
+    [
+        ("x = 0.124 m", "x = 0.123 m", True),
+        ("x = 0.125 m", "x = 0.123 m", False),
+        ("-4e-09 2.", "-3e-09 2.", True),
+        ("-5e-09 2.", "-3e-09 2.", False),
+        ("12 intervals", "11 intervals", False),
+        ("0.1 0.2", "0.1", False),
+    ],
+)
+def test_the_last_digit_of_a_page_may_differ_by_one(printed: str, page: str, same: bool) -> None:
+    assert (blocks.rounded_alike(printed, page) == page) == same
+
+
 @pytest.mark.parametrize(("command", "fails"), [("robots", False), ("show no_such_robot", True)])
 def test_commands_of_a_page_are_run(tmp_path: Path, command: str, fails: bool) -> None:
     page = tmp_path / "page.md"

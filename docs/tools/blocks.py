@@ -1,7 +1,8 @@
 """The code of a page, run block by block from an empty folder, its output compared.
 
 Python blocks run in one namespace, in the order of the page. A ``text`` block right after one is
-what it prints, with ``...`` for what may differ. Other blocks with a ``title`` are files that
+what it prints, with ``...`` for what may differ; the last digit of a number may differ by one, as
+it does between machines. Other blocks with a ``title`` are files that
 they need. Lines ``$ microbot-ocp ...`` of a ``console`` block are run, too. A block that cannot run
 stands after ``<!-- not run: why -->``.
 
@@ -23,6 +24,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from decimal import Decimal
 from itertools import zip_longest
 from pathlib import Path
 
@@ -33,6 +35,7 @@ FENCE = re.compile(
 TITLE = re.compile(r'title="([^"]+)"')
 NOT_RUN = re.compile(r"<!-- not run: [^>]+ -->\s*$")
 COMPARE = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+NUMBER = re.compile(r"[+-]?\d+\.\d*(?:e[+-]?\d+)?|[+-]?\d+e[+-]?\d+")  # integers are exact
 
 
 @dataclass(frozen=True)
@@ -125,9 +128,24 @@ def run_block(block: Block, path: Path, namespace: dict[str, object]) -> None:
     if block.output is None:
         return
     checker, example = doctest.OutputChecker(), doctest.Example(block.text, block.output)
-    if not checker.check_output(block.output, printed.getvalue(), COMPARE):
-        difference = checker.output_difference(example, printed.getvalue(), COMPARE)
+    found = rounded_alike(printed.getvalue(), block.output)
+    if not checker.check_output(block.output, found, COMPARE):
+        difference = checker.output_difference(example, found, COMPARE)
         raise Different(f"{path}, line {block.line}\n{difference}")
+
+
+def rounded_alike(printed: str, page: str) -> str:
+    """Return what was printed with the page's numbers that differ by one in the last digit."""
+    numbers, wanted = list(NUMBER.finditer(printed)), NUMBER.findall(page)
+    if len(numbers) != len(wanted):
+        return printed
+    text, end = "", 0
+    for number, want in zip(numbers, wanted, strict=True):
+        digit = Decimal((0, (1,), int(Decimal(want).as_tuple().exponent)))
+        alike = abs(Decimal(number[0]) - Decimal(want)) <= digit
+        text += printed[end : number.start()] + (want if alike else number[0])
+        end = number.end()
+    return text + printed[end:]
 
 
 def run_commands(block: Block, path: Path) -> None:
