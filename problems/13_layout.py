@@ -1,8 +1,7 @@
 """The best place for the base of a UR5e that moves 1 kg from one tool pose to another and returns.
 
 The base may move by 0.2 m in x and y. The script prints the period before and after with the worth
-of each coordinate, and writes the map, the motions and Rerun recordings of both. ``--every 5``
-solves the cell in every node of a 5 by 5 map, too, for comparison.
+of each coordinate, and writes the map, the motions and Rerun recordings of both.
 
 example: python problems/13_layout.py --out out/13
 """
@@ -10,9 +9,7 @@ example: python problems/13_layout.py --out out/13
 from __future__ import annotations
 
 import argparse
-import itertools
 import time
-from contextlib import suppress
 
 import numpy as np
 
@@ -35,17 +32,6 @@ def cell() -> CellFile:
     return CellFile("UR5e", robot, stops, robot.limits, cycle=True, settings=settings)
 
 
-def every_node(task: CellFile, count: int) -> list[float]:
-    """Return the period in every node of a map that has a motion, s."""
-    periods = []
-    for x, y in itertools.product(np.linspace(-REACH, REACH, count), repeat=2):
-        with suppress(mo.InputError):
-            moved = task.mounted(mo.robot.Mounting(x, y)).solve()
-            if moved.motion.solved and moved.certificate.ok:
-                periods.append(moved.motion.duration)
-    return periods
-
-
 def main(arguments: argparse.Namespace) -> None:
     task, bounds = cell(), dict.fromkeys(("base.x", "base.y"), (-REACH, REACH))
     begin = time.process_time()
@@ -60,19 +46,9 @@ def main(arguments: argparse.Namespace) -> None:
     for name, answer in (("before", found.before), ("after", found.after)):
         if answer is not None:
             answer.motion.save(arguments.out / f"{name}.npz")
-    if arguments.every:
-        periods = every_node(task, arguments.every)
-        share = 100.0 * (found.period / min(periods) - 1.0)
-        print(
-            f"{len(periods)} of {arguments.every**2} nodes solved: {min(periods):.4f} to "
-            f"{max(periods):.4f} s; the design is {share:+.2f} % of the best"
-        )
 
 
 if __name__ == "__main__":
     parser = script.parser(__doc__)
     parser.add_argument("--out", type=script.Path, default=script.Path("out/13"), help="folder")
-    parser.add_argument(
-        "--every", type=int, default=0, help="nodes a side of a map to compare with"
-    )
     script.run(main, parser)

@@ -105,11 +105,13 @@ def climbed(found: mo.AccelerationLimits, load: float, starts: int) -> float:
     ],
     ids=lambda robot: robot.name,
 )
-def test_no_term_is_farther_from_its_tangent_or_parabola_than_bounded(robot: mo.Robot) -> None:
+def test_no_term_is_farther_from_its_tangent_parabola_or_value_than_bounded(
+    robot: mo.Robot,
+) -> None:
     n = robot.joint_count
     low, high = robot.limits.bounds("q")
     center = RNG.uniform(low, high, (500, n))
-    for width in (0.05, 0.6):
+    for width in (0.05, 0.6, 4.0):
         shift = np.clip(center + width * RNG.uniform(-1, 1, center.shape), low, high) - center
         for terms in torque_terms(robot, tuple(low.tolist()), tuple(high.tolist())):
             here, there = terms.at(center), terms.at(center + shift)[:, 0]
@@ -122,6 +124,10 @@ def test_no_term_is_farther_from_its_tangent_or_parabola_than_bounded(robot: mo.
                 left = off[:, term] - 0.5 * np.einsum("bi,bij,bj->b", shift, bends, shift)
                 assert (np.abs(left) <= terms.parabola_error(np.abs(shift))[:, term] + 1e-12).all()
             assert (np.abs(there) <= terms.amplitude + 1e-12).all()
+            for k in range(n):
+                alone = terms.at(center + shift * (np.arange(n) == k))[:, 0] - here[:, 0]
+                by_slope = np.abs(shift[:, k, None]) * terms.steep[:, k]
+                assert (np.abs(alone) <= np.minimum(by_slope, terms.span[:, k]) + 1e-12).all()
 
 
 def test_terms_add_up_to_the_torque_of_inverse_dynamics() -> None:

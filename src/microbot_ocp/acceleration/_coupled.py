@@ -56,10 +56,14 @@ class CoupledDemand(Demand):
         return states, (terms, most[:, None], terms[:, 1:, :1])
 
     def _coriolis_excess(
-        self, boxes: Boxes, terms: FloatArray, rest: FloatArray, swing: FloatArray
+        self,
+        boxes: Boxes,
+        half: FloatArray,
+        terms: FloatArray,
+        rest: FloatArray,
+        swing: FloatArray,
     ) -> tuple[FloatArray, FloatArray]:
         count = self.speed.size
-        half = ((boxes.high - boxes.low) / 2)[:, :count]
         # |u' A u| <= radius^2 |A| in the spectral norm, which the Frobenius norm bounds.
         turned = np.abs(np.linalg.eigvalsh(self._forms(terms[:, 1:, 1 + count :]))).max(axis=2)
         across = self.radius**2 * half * turned

@@ -227,7 +227,12 @@ class Demand:
         states, (terms, values, slopes) = self._at_corners(boxes)
         half = (boxes.high[:, :count] - boxes.low[:, :count]) / 2
         largest = np.maximum(np.abs(boxes.low), np.abs(boxes.high))[:, count:] * self.speed
-        rest = self.terms.tangent_error(half)
+        accelerations = np.broadcast_to(scale * box, half.shape)
+        sizes = np.hstack([np.ones((len(half), 1)), accelerations, self._pairs(largest)])
+        curvature = np.tensordot(sizes, self.terms.curvature, axes=1)
+        wide = self._wide(half, terms, sizes, curvature)
+        half, moved = np.where(wide.any(axis=2), 0.0, half), wide.sum(axis=1)
+        rest = self.terms.tangent_error(half) + moved
         swing = np.einsum("bk,bkf->bf", half, np.abs(terms[:, 1:])) + rest
         # Accelerations add |M_ij| a_j. Where M_ij keeps its sign in the box, |M_ij| is as smooth
         # as M_ij and has a tangent; elsewhere only |M_ij(c)| + swing bounds it.
@@ -235,20 +240,21 @@ class Demand:
         keeps = np.abs(inertia) >= swings
         signed = np.where(keeps, np.sign(inertia), 0.0) * box
         tilt = np.einsum("bj,bkj->bk", signed, terms[:, 1:, 1 : 1 + count])
-        fixed, across = self._coriolis_excess(boxes, terms, rest, swing)
+        fixed, across = self._coriolis_excess(boxes, half, terms, rest, swing)
         fixed += self.coulomb * np.tanh(self.speed[self.joint] / COULOMB_SMOOTHING)
         fixed += self._margin(box, scale)
         # Each pair in ``ends`` bounds the torque at scale 0 and at ``scale``, with the remainder of
         # Taylor polynomials of degree one (tangent) and of degree two (parabola).
-        added = (np.abs(inertia) + np.where(keeps, 0.0, swings)) @ box
+        most = np.minimum(np.abs(inertia) + swings, self.terms.amplitude[1 : 1 + count])
+        added = np.where(keeps, np.abs(inertia), most) @ box
         tilted = slopes + scale * tilt[:, :, None]
-        tangent, parabola = rest[:, : 1 + count], self.terms.parabola_error(half)
-        bends = self._bends(states.q, signed)
-        ends = []
-        for rests, by in ((tangent, 0.0), (parabola, 1.0)):
+        tangent = rest[:, : 1 + count]
+        parabola = self.terms.parabola_error(half) + moved[:, : 1 + count]
+        bends, ends = self._bends(states.q, signed), []
+        for rests, bent in ((tangent, None), (parabola, (bends[0], bends[0] + scale * bends[1]))):
             left, gained = fixed + rests[:, 0], added + (rests[:, 1:] * keeps) @ box
-            at_rest = values + _largest(slopes, by * bends[0], half)
-            torques = values + _largest(tilted, by * (bends[0] + scale * bends[1]), half)
+            at_rest = values + _largest(slopes, bent and bent[0], half)
+            torques = values + _largest(tilted, bent and bent[1], half)
             ends.append((left + at_rest.max(axis=1), left + scale * gained + torques.max(axis=1)))
         (slow, fast), (bent_slow, bent_fast) = ends
         lower = bent_fast < fast
@@ -260,16 +266,32 @@ class Demand:
         possible = np.where(fast > slow, possible, np.where(slow <= self.limit, np.inf, -np.inf))
         worst = torques.argmax(axis=1)
         steep = np.abs(tilted[np.arange(len(worst)), :, worst])
-        accelerations = np.broadcast_to(scale * box, half.shape)
-        sizes = np.hstack([np.ones((len(half), 1)), accelerations, self._pairs(largest)])
-        curvature = np.tensordot(sizes, self.terms.curvature, axes=1)
         turning = np.einsum("bj,bkj->bk", ~keeps * box, np.abs(terms[:, 1:, 1 : 1 + count]))
         weights = half * (steep + np.einsum("bkl,bl->bk", curvature, half) + 2 * scale * turning)
-        across[:, :count] += weights
+        across[:, :count] += weights + np.einsum("bf,bkf->bk", sizes, wide)
         return ScaleBounds(possible, states, across)
 
+    def _wide(
+        self, half: FloatArray, terms: FloatArray, sizes: FloatArray, curvature: FloatArray
+    ) -> FloatArray:
+        """Return changes [B,n,F] of terms by wide coordinates, and zero for all others.
+
+        A tangent is far off in a wide box: there the slope, and the change over a whole turn, are
+        sharper bounds. They hold whatever the other coordinates are, so they add up.
+        """
+        change = np.minimum(half[:, :, None] * self.terms.steep.T, self.terms.span.T)
+        by_tangent = np.einsum("bf,bkf->bk", sizes, np.abs(terms[:, 1:]))
+        by_tangent += 0.5 * np.einsum("bkl,bl->bk", curvature, half)
+        wide = np.einsum("bf,bkf->bk", sizes, change) < half * by_tangent
+        return change * wide[:, :, None]
+
     def _coriolis_excess(
-        self, boxes: Boxes, terms: FloatArray, rest: FloatArray, swing: FloatArray
+        self,
+        boxes: Boxes,
+        half: FloatArray,
+        terms: FloatArray,
+        rest: FloatArray,
+        swing: FloatArray,
     ) -> tuple[FloatArray, FloatArray]:
         """Return the largest excess [B] of the Coriolis torque over its tangents at the corners.
 
@@ -302,14 +324,18 @@ class Demand:
         return ROUNDING * (self.limit + float(self.terms.amplitude @ ones))
 
 
-def _largest(slopes: FloatArray, bends: FloatArray, half: FloatArray) -> FloatArray:
+def _largest(slopes: FloatArray, bends: FloatArray | None, half: FloatArray) -> FloatArray:
     """Return upper bounds [B,V] of ``slope . x + x' bend x / 2`` for ``|x_j| <= half_j``.
 
-    The arguments are slopes [B,n,V], second derivatives [B,n,n] and half widths [B,n]. Diagonal
-    terms are maximised exactly: a concave parabola is largest at its vertex ``|slope| / -bend``, or
-    at the end of the range. Mixed terms are bounded by their absolute values.
+    The arguments are slopes [B,n,V], second derivatives [B,n,n] (None for zero) and half widths
+    [B,n]. Diagonal terms are maximised exactly: a concave parabola is largest at its vertex
+    ``|slope| / -bend``, or at the end of the range. Mixed terms are bounded by their absolute
+    values.
     """
-    width, each, sizes = half[:, :, None], np.arange(half.shape[1]), np.abs(slopes)
+    sizes = np.abs(slopes)
+    if bends is None:
+        return np.matmul(half[:, None], sizes)[:, 0]
+    width, each = half[:, :, None], np.arange(half.shape[1])
     diagonal = bends[:, each, each][:, :, None]
     top = np.minimum(width, sizes / np.maximum(-diagonal, 1e-300))
     along = np.where(diagonal < 0.0, top, width)

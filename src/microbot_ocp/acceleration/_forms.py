@@ -51,6 +51,8 @@ class Terms:
         at c by at most ``w' curvature w / 2``.
     amplitude : array [F]
         Bound of the absolute value of a term.
+    steep, span : array [F,n]
+        Bounds of the slope by a position, and of the change over all of its positions.
     second : function of q [B,n] and weights [B,S]
         Second derivatives [B,n n] of the weighted sum of the first S terms; None if S is 0.
     fourth : array [S,P,P]
@@ -60,6 +62,8 @@ class Terms:
     call: Callable[[FloatArray], Any]
     curvature: FloatArray
     amplitude: FloatArray
+    steep: FloatArray
+    span: FloatArray
     second: Callable[[FloatArray, FloatArray], Any] | None = None
     fourth: FloatArray | None = None
 
@@ -128,13 +132,13 @@ def torque_terms(robot: Robot, low: tuple[float, ...], high: tuple[float, ...]) 
             changes = (inertia[..., i, j], k), (inertia[..., i, k], j), (-inertia[..., j, k], i)
             amplitudes.append(np.sum([0.5 * waves.slope(*change) for change in changes], axis=0))
             terms.append(0.5 * (rates[j][i, k] + rates[k][i, j] - rates[k][j, i]))
-        curvature, amplitude = _columns([waves.bounds(numbers) for numbers in amplitudes])
+        bounds = _columns([waves.bounds(numbers) for numbers in amplitudes])
         fourth = np.array([waves.fourth(numbers) for numbers in amplitudes[: 1 + count]])
         weights = ca.SX.sym("weights", 1 + count)
         hessian, _ = ca.hessian(ca.dot(weights, ca.vertcat(*terms[: 1 + count])), q)
         bends = ca.Function("bends", [q, weights], [ca.densify(ca.vec(hessian))])
         call = _with_slopes(terms, q)
-        result.append(Terms(call, curvature, amplitude, table_call(bends), fourth))
+        result.append(Terms(call, *bounds, table_call(bends), fourth))
     return result
 
 
@@ -151,13 +155,13 @@ def tool_terms(robot: Robot, frame: FloatArray, low: FloatArray, high: FloatArra
     waves = _Waves(robot, low, high)
     q, chain_q = ca.SX.sym("q", robot.joint_count), ca.SX.sym("q", robot.link_count)
     numbers = waves.of(ca.Function("place", [chain_q], [place(robot.chain, chain_q)]), 1)
-    curvature, amplitude = _columns([waves.bounds(numbers[..., k]) for k in range(3)])
-    return Terms(_with_slopes(ca.vertsplit(place(robot, q)), q), curvature, amplitude)
+    bounds = _columns([waves.bounds(numbers[..., k]) for k in range(3)])
+    return Terms(_with_slopes(ca.vertsplit(place(robot, q)), q), *bounds)
 
 
-def _columns(rows: list[tuple[Any, Any]]) -> tuple[FloatArray, FloatArray]:
-    first, second = zip(*rows, strict=True)
-    return np.array(first), np.array(second)
+def _columns(rows: list[tuple[Any, ...]]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    curvature, amplitude, steep, span = map(np.array, zip(*rows, strict=True))
+    return curvature, amplitude, steep, span
 
 
 def _with_slopes(terms: Sequence[Any], q: ca.SX) -> Callable[[FloatArray], Any]:
@@ -228,8 +232,11 @@ class _Waves:
             total += self._matrix[row, joint] * change
         return total
 
-    def bounds(self, numbers: np.ndarray) -> tuple[FloatArray, float]:
-        """Return bounds of the curvature [n,n] and of the absolute value of a sum of waves."""
+    def bounds(self, numbers: np.ndarray) -> tuple[FloatArray, float, FloatArray, FloatArray]:
+        """Return bounds of waves: curvature [n,n], absolute value, slopes [n] and changes [n].
+
+        A wave ``A cos`` changes by 2 A at most.
+        """
         factors, amplitudes = self._slope_factors(numbers.shape), np.abs(numbers).ravel()
         mixed = np.abs((factors * amplitudes[:, None]).T @ factors)
         amplitude = float(amplitudes.sum())
@@ -237,7 +244,9 @@ class _Waves:
         # Entries below 1e-12 of the amplitude are rounding errors of zeros: Demand._margin covers
         # them.
         curvature = np.where(mixed > 1e-12 * amplitude, mixed * (1 + ROUNDING) + rounding, 0.0)
-        return curvature, amplitude
+        steep = np.abs(factors).T @ amplitudes * (1 + ROUNDING)
+        span = 2.0 * (factors != 0.0).T @ amplitudes * (1 + ROUNDING)
+        return curvature, amplitude, steep, span
 
     def fourth(self, numbers: np.ndarray) -> FloatArray:
         """Return bounds [P,P] of the fourth derivatives of a sum of waves, by pairs of joints."""

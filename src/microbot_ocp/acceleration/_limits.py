@@ -225,7 +225,7 @@ def acceleration_limits(
     Branch and bound over positions and speeds proves the box. It uses bounds of the curvature of
     mass matrix, Coriolis coefficients and gravity, with a margin above all rounding errors. The
     result also holds a larger box, ``broken``, and a state that breaks it: the best possible box
-    lies between both.
+    lies between both. Positions in which the arm touches itself belong to the region, too.
 
     Parameters
     ----------
