@@ -109,6 +109,7 @@ def test_branch_nearest_to_a_seed() -> None:
     assert "nearest to the seed [deg] -18.4349 -29.1863 111.3819 solved" in text
 
 
+@pytest.mark.thorough
 def test_branches_where_they_are_a_continuum() -> None:
     text = words(INVERSE, "--position", "0,0,5")
     assert "2 branches by Gauss-Newton, " in text

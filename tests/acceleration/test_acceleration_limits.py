@@ -265,6 +265,7 @@ def test_no_state_breaks_a_proved_box_of_jerks(robot: mo.Robot, load: float, spe
     assert 0.5 < use <= 1.0
 
 
+@pytest.mark.thorough
 def test_product_is_larger_than_with_equal_accelerations() -> None:
     robot = mo.load_robot("planar_3r")
     equal, best = (mo.acceleration_limits(robot, 1.0, speed=0.3, equal=e) for e in (True, False))
@@ -272,6 +273,7 @@ def test_product_is_larger_than_with_equal_accelerations() -> None:
     assert np.ptp(equal.qdd_max) == 0.0
 
 
+@pytest.mark.thorough
 def test_smaller_regions_allow_more() -> None:
     robot = mo.load_robot("planar_3r")
     everywhere = mo.acceleration_limits(robot, speed=0.2, equal=True)
@@ -289,6 +291,7 @@ def test_smaller_regions_allow_more() -> None:
     assert (np.abs(place - [0.2, 0.1, 0.0]) <= [0.15, 0.15, 0.05]).all()
 
 
+@pytest.mark.thorough
 def test_no_box_where_gravity_or_speed_alone_need_more_than_the_torque() -> None:
     robot = mo.load_robot("ur5e")
     heavy = mo.acceleration_limits(robot, 40.0, speed=0.0)

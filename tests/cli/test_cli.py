@@ -469,6 +469,7 @@ def test_compare_saves_every_file(call, tmp_path):
     assert (tmp_path / "out" / "comparison.pdf").exists()
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_compare_does_not_break_the_names_of_joints(call):
     via = "0,-30,0,-120,0,90,45 60,40,30,-60,40,130,0"

@@ -117,6 +117,7 @@ def agrees(robot: mo.Robot, motion: Motion) -> None:
         assert largest_miss(acceleration, wrong, 1e-6) > 1e-6, name
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_others_find_the_same_motion(kinds):
     robot, motions = kinds

@@ -36,6 +36,7 @@ def test_limits_of_torques_that_are_given_are_refused(name, key):
         CALLS[name](mo.Limits(qd_max=1.0, **{key: 5.0}))
 
 
+@pytest.mark.thorough
 def test_those_of_a_file_are_named_as_not_judged():
     robot = BARE.with_limits(qd_max=1.0, tau_max=5.0)
     for more in ({}, {"limits": robot.limits}, {"via_q": POSES}):

@@ -231,6 +231,7 @@ def test_a_method_that_cannot_do_the_task_says_so_and_the_others_go_on(pendulum)
     assert set(result.motions) == set(result.certificates) == {"straight_path", "time_optimal"}
 
 
+@pytest.mark.thorough
 def test_a_corner_that_cannot_be_held_is_an_entry_without_motion(pendulum):
     via_q = [[0.0], [np.pi / 2], [0.3]]
     result = mo.compare(pendulum, via_q, ["straight_path", "time_optimal"], mesh=20, starts=3)

@@ -161,6 +161,7 @@ def test_any_limit_decides_the_split(microbot, limits):
     assert best(robot, cubic(VIA_Q), VIA_Q).duration < min(grid) * (1 + 1e-4)
 
 
+@pytest.mark.thorough
 def test_the_same_answer_in_every_thread(microbot):
     with ThreadPoolExecutor(3) as pool:
         found = [pool.submit(best, microbot, cubic(VIA_Q), VIA_Q) for _ in range(6)]

@@ -97,6 +97,7 @@ def test_no_search_from_everywhere_finds_a_faster_cubic(name, via_q):
     assert mo.best_cubic(robot, via_q).duration < 1.002 * global_cubic(robot, via_q)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "kind", [mo.best_cubic, pytest.param(mo.best_lspb, marks=pytest.mark.thorough)]

@@ -51,6 +51,7 @@ def test_the_worst_row_is_named_with_place_amount_and_unit(solver):
     assert said[-1].startswith("Call explain(problem, mesh, solution)")
 
 
+@pytest.mark.thorough
 def test_a_good_guess_is_not_blamed():
     good = solve(crane(), 10)
     said = lines(

@@ -76,6 +76,7 @@ def test_any_compiled_function_is_taken_by_its_origin_everywhere():
     assert ocp.solve(problem, 6).solved
 
 
+@pytest.mark.thorough
 @needs_compiler
 def test_a_limit_may_call_a_compiled_function():
     speed = mo.jacobian(ROBOT, compiled=True)
@@ -150,6 +151,7 @@ def test_what_has_none_is_refused_before_a_solver_starts(kind, where, tmp_path, 
         ocp.solve(mass(function, where), 5)
 
 
+@pytest.mark.thorough
 @needs_compiler
 def test_what_has_them_by_differences_is_solved(tmp_path):
     solution = ocp.solve(mass(external(tmp_path, enable_fd=True)), 8)

@@ -197,6 +197,7 @@ def consecutive(y, k):
     return ca.vertcat(-k[0] * y[0], k[0] * y[0] - k[1] * y[1])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("arguments", "cost", "rates"),
     [
@@ -271,6 +272,7 @@ def test_what_is_maximised_is_the_objective(tmp_path):
     assert load_solution(path).objective == solution.objective
 
 
+@pytest.mark.thorough
 def test_the_clock_goes_on_from_phase_to_phase():
     problem = OptimalControlProblem("clock")
     phases = [

@@ -92,6 +92,7 @@ def test_every_phase_has_its_own_mesh():
     assert second > first
 
 
+@pytest.mark.thorough
 def test_a_certificate_follows_a_refinement():
     settings = SolverSettings("ipopt")
     refined = solved_to(pendulum(), 1e-7, 11, settings=settings, switches=1e-5)
@@ -119,6 +120,7 @@ def test_what_is_not_reached_is_said():
         assert "Missing: state error" in refined.advice
 
 
+@pytest.mark.thorough
 def test_a_finer_mesh_that_is_not_accepted_ends_the_refinement_and_is_shown(monkeypatch):
     from microbot_ocp.ocp.refinement import _judged
 

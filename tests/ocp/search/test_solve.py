@@ -45,6 +45,7 @@ def test_the_double_integrator_takes_two_seconds(solver):
     assert phase["u"].shape == (20, 1)
 
 
+@pytest.mark.thorough
 @by_both
 def test_a_continuous_control_costs_the_ramp_between_its_limits(solver):
     """It turns from 1 to -1 over a step or two of the mesh: second order above 2 s."""
@@ -67,6 +68,7 @@ def test_bryson_and_denham_have_their_cost(solver, top):
     np.testing.assert_allclose(solution["fly"]["u"].ravel(), exact, atol=0.01)
 
 
+@pytest.mark.thorough
 def test_a_ceiling_is_kept_between_mesh_points():
     """On 4 intervals the mesh points alone would let the flight bulge between them."""
     peaks = []
@@ -290,6 +292,7 @@ def test_an_unknown_phase_of_a_solution_is_a_key_error():
         solved(double_integrator(), 4)["stay"]
 
 
+@pytest.mark.thorough
 def test_a_small_barrier_stays_near_a_good_guess():
     problem = double_integrator()
     first = solved(problem, 20, "ipopt", tolerance=1e-9)

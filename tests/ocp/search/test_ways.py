@@ -193,6 +193,7 @@ def test_polynomial_controls_keep_their_bounds_and_their_mean():
         assert own @ weights == pytest.approx(old @ weights, abs=1e-5)
 
 
+@pytest.mark.thorough
 def test_a_bang_bang_answer_is_within_its_bounds_everywhere():
     problem = double_integrator("auto")
     solution = solve(problem, 15)
@@ -252,6 +253,7 @@ def cart_pole(force: float, shape: str = "auto") -> OptimalControlProblem:
     return problem
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("force", "scheme", "mesh", "cost"),
     [
@@ -360,6 +362,7 @@ def test_of_simulations_that_are_as_near_the_cheapest_comes_first():
     assert costs[0] < 4.0 < costs[-1]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("agreed", "compared"), [pytest.param(1, 9, marks=pytest.mark.thorough), (2, 41)]
 )

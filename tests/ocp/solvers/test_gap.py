@@ -116,6 +116,7 @@ def test_complementarity_is_the_mean_product_at_limits_kept_or_not():
     assert mean == pytest.approx((2.0 * 0.25 + 3.0 * 0.5) / 2)  # no equation, no missing limit
 
 
+@pytest.mark.thorough
 def test_a_bound_of_many_scales_is_kept_to_what_passes():
     # IPOPT moves bounds by 1e-8 of their size: of 200 scales by twice what passes
     problem = OptimalControlProblem("tank")

@@ -67,6 +67,7 @@ def test_an_arm_in_odd_units_takes_the_time_that_it_takes_in_good_ones(solver, m
     assert not unscaled.status.solved or abs(missed / best - 1) > 0.1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("scheme", ["shooting", "radau"])
 def test_costates_and_certificate_are_in_the_units_of_the_declaration(scheme):
     """Least integral of u^2 from rest to rest over D in T: u = 6 D / T^2 (1 - 2 t / T)."""
@@ -200,6 +201,7 @@ def test_cost_and_multipliers_are_those_of_the_cost_as_it_was_declared(solver, s
     np.testing.assert_allclose(odd.row_multipliers / size, lam, atol=1e-6 * np.abs(lam).max())
 
 
+@pytest.mark.thorough
 def test_a_watched_solve_tells_the_cost_as_it_was_declared():
     for solver in ("ipopt", "fatrop"):
         seen = []

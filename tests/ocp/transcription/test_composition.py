@@ -47,6 +47,7 @@ def test_they_are_those_of_the_stage_written_out(mixed):
             assert np.allclose(np.array(mine), np.array(other), rtol=1e-10, atol=1e-10)
 
 
+@pytest.mark.thorough
 def test_derivatives_that_are_given_are_taken():
     asked = []
 

@@ -68,6 +68,7 @@ def test_what_the_source_does_not_have_is_said():
     )
 
 
+@pytest.mark.thorough
 def test_a_solution_starts_another_scheme():
     before = solve(drive(ONE), 20, settings=SolverSettings("ipopt"), scheme="radau")
     for scheme in ("gauss", "trapezoidal", "hermite_simpson", "shooting"):

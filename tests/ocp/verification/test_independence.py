@@ -161,6 +161,7 @@ def test_a_fault_in_what_makes_the_program_is_found(plant, said, monkeypatch):
     assert said in certificate.verdict
 
 
+@pytest.mark.thorough
 def test_a_fault_in_a_prepared_kernel_is_found():
     def altered(_, make):
         functions = make()
@@ -179,6 +180,7 @@ def test_a_fault_in_a_prepared_kernel_is_found():
     assert "not feasible: step of " in certificate.verdict
 
 
+@pytest.mark.thorough
 def test_a_fault_in_a_cost_that_is_evaluated_apart_is_found(monkeypatch):
     light = _kernels.light_cost
 
@@ -196,6 +198,7 @@ def test_a_fault_in_a_cost_that_is_evaluated_apart_is_found(monkeypatch):
     assert "the cost is " in certificate.verdict
 
 
+@pytest.mark.thorough
 def test_a_solution_of_other_dynamics_is_not_one_of_the_problem():
     solution = solve(cart(), 20, settings=SETTINGS, scheme="shooting")
     certificate = verify(cart(drag=0.31), solution)

@@ -133,6 +133,7 @@ def test_a_body_is_turned_as_fast_as_is_known():
 # one judge ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name",

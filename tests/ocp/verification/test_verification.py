@@ -175,6 +175,7 @@ def test_two_phases_have_a_certificate_each(solver):
     assert abs(switch - exact) < step
 
 
+@pytest.mark.thorough
 def test_a_fixed_duration_of_two_phases_has_its_hamiltonians():
     problem = spline((1.0, 0.5), 0.3)
     certificate = verify(problem, solved(problem, 6))

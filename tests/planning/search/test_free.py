@@ -74,6 +74,7 @@ def test_in_one_joint_the_free_motion_is_the_timing_of_the_only_path(torque):
     assert free.duration == pytest.approx(path.duration, rel=1e-3)
 
 
+@pytest.mark.thorough
 def test_a_weak_pendulum_swings_back_first():
     """6 N m hold it below 37 degrees only: no path straight up exists, swinging does it."""
     robot = pendulum(tau_max=6.0, qd_max=10.0)
@@ -114,6 +115,7 @@ def test_larger_limits_are_faster_and_never_slower_than_the_scaled_cubic():
     assert durations[0] > 1.05 * durations[1] > 1.05**2 * durations[2]
 
 
+@pytest.mark.thorough
 def test_a_point_less_is_never_slower():
     robot = arm()
     all_points = time_optimal(robot, ARM_VIA, mesh=25, starts=1).duration
@@ -177,6 +179,7 @@ def test_other_starts_and_solvers_lead_to_the_same_optimum(microbot, report, cha
     assert motion.duration == pytest.approx(report.duration, rel=1e-3)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_the_same_seed_is_the_same_motion():
     one, other = (time_optimal(arm(), ARM_VIA, mesh=20, starts=3, seed=3) for _ in range(2))
@@ -220,6 +223,7 @@ def test_starts_go_on_while_another_is_likely_to_lead_elsewhere(led_to, enough):
     assert _search.settled(found, TimeOptimalSettings(starts=1)) is (led_to[0] is not None)
 
 
+@pytest.mark.thorough
 def test_starts_leave_half_of_the_time_for_finer_meshes(microbot, monkeypatch):
     monkeypatch.setattr(_search.MotionSearch, "spent", 0.6)
     motion = time_optimal(microbot, VIA_Q, mesh=20)
@@ -228,6 +232,7 @@ def test_starts_leave_half_of_the_time_for_finer_meshes(microbot, monkeypatch):
     assert motion.status is mo.Status.LOCAL_OPTIMUM
 
 
+@pytest.mark.thorough
 def test_an_optimum_that_few_starts_led_to_is_not_called_the_fastest(microbot):
     motion = time_optimal(microbot, VIA_Q, mesh=20, starts=2, tries=2)
     assert motion.status is mo.Status.LOCAL_OPTIMUM

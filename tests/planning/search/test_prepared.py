@@ -81,6 +81,7 @@ def test_torque_rates_know_the_payload():
         assert motion.duration == pytest.approx((32 * 1.5 / jerk) ** (1 / 3), rel=1e-3)
 
 
+@pytest.mark.thorough
 def test_what_cannot_be_done_is_not_called_solved():
     # at rest both ends need no torque, but no swing is allowed to help the arm over the level
     solver = mo.TimeOptimalSolver(
@@ -175,6 +176,7 @@ def test_an_arm_without_masses_is_prepared_as_well():
         solver(payload=1.0)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("speed", [-0.5, -1.0])
 def test_a_rail_with_dry_friction_that_has_to_turn_back_keeps_its_force(speed):
     """Braking, friction helps; where it turns over the force jumps between two mesh points."""
@@ -204,6 +206,7 @@ def test_a_start_beyond_the_limits_is_refused(microbot, prepared):
         assert mo.certify(microbot, edge).ok
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("rounds", "slowed"), [(0, True), (8, False)])
 def test_on_a_coarse_mesh_a_motion_from_a_moving_start_keeps_its_limits(microbot, rounds, slowed):
     """Refined though that takes longer, or on its path slowed down: the start stays."""

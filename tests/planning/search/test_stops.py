@@ -209,6 +209,7 @@ def test_conditions_that_no_joint_changes_are_left_out(two_links):
         mo.time_optimal(two_links, [[0.0, 0.5], up, [0.5, 0.9]], **QUICK)
 
 
+@pytest.mark.thorough
 def test_an_orientation_within_its_tolerance_is_within_reach(two_links):
     pose = np.array(mo.forward_kinematics(two_links)([0.4, 0.8]))
     turn = np.array(mo.forward_kinematics(two_links)([0.0, 0.1]))[:3, :3]
@@ -511,6 +512,7 @@ def test_how_near_the_places_are_does_not_decide_how_an_arm_in_motion_stops(micr
     assert mo.certify(microbot, motion, via_q=stops).ok
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("way", "end", "duration"),
     [

@@ -410,6 +410,7 @@ def test_a_tight_power_limit_is_met_from_a_start_that_knows_of_it(microbot):
     assert mo.certify(robot, motion).ok
 
 
+@pytest.mark.thorough
 def test_a_table_is_kept_along_a_path_too(microbot):
     """A motor whose torque falls with its speed by a table: no expression of scalars."""
     table = ca.interpolant("table", "bspline", [np.linspace(-8.0, 8.0, 9)], 9 * [450.0])
