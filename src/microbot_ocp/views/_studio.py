@@ -27,13 +27,13 @@ from microbot_ocp.tasks import read_task
 from microbot_ocp.trajectories import best_cubic, best_lspb
 from microbot_ocp.views._eye import find_eye, grid_spacing, upward
 from microbot_ocp.views._scene import link_poses, reach, tool_places
-from microbot_ocp.views._style import STYLE, look, rgb
+from microbot_ocp.views._style import FIXED, PREFERRED, STYLE, look, rgb
 from microbot_ocp.views.animation import Faces, arm_bodies
 from microbot_ocp.views.live import LOOPBACK, InteractiveTask, NewestOnly, Setting
 from microbot_ocp.views.recording import signed_share
 
 CHARTS = {"tau": "torque, % of its limit", "qd": "velocity, % of its limit"}
-LINK, JOINT = (*rgb("#D55E00"), 255), (130, 142, 160, 255)
+LINK, JOINT = (*rgb(FIXED[PREFERRED][0]), 255), STYLE.neutral
 SAMPLES = 400  # samples per curve: more than the pixels of a chart, few enough for one message
 FREE = 6  # joints from which on a dragged via point keeps its orientation and can be rotated
 
@@ -214,7 +214,7 @@ class Studio(InteractiveTask):
 
     def _chart(self, title: str) -> Any:
         names = self._bare.joint_names
-        bound = {"stroke": "#888888", "dash": [6, 4], "width": 1.5, "label": "limit"}
+        bound = {"stroke": STYLE.bound, "dash": [6, 4], "width": 1.5, "label": "limit"}
         curves = [
             {"stroke": look(joint, joints=True)["color"], "width": 2, "label": name}
             for joint, name in enumerate(names)

@@ -30,8 +30,8 @@ class Style:
         Font sizes of notes in figures and of the text of the printed page, points.
     line : float
         Width of a curve, points.
-    ink, warning : str
-        Colours of limits with their notes, and of failures.
+    ink, warning, bound : str
+        Colours of limits with their notes, of failures, and of limits on a light or dark page.
     dpi, screen_dpi : int
         Resolution of files, and of notebooks and live plots, dots per inch.
     side_by_side : int
@@ -105,6 +105,7 @@ class Style:
 
     ink: str = "0.25"
     warning: str = "#B00020"
+    bound: str = "#888888"
     dpi: int = 150
     screen_dpi: int = 90
     side_by_side: int = 4
@@ -211,6 +212,22 @@ JOINT_LOOKS: tuple[tuple[str, LineStyle], ...] = (
     ("#56B4E9", (0.0, (2.5, 2.5))),
     ("#661100", (0.0, (10.0, 1.5, 2.0, 1.5))),
 )
+# Bars of the saturation chart by quantity, and of limits of the arm in turn.
+LIMIT_COLORS = {"tau": "0.35", "taud": "0.6", "qdd": "0.6", "qddd": "#56B4E9", "qd": "#E69F00"}
+FURTHER_LIMIT_COLORS = ("#009E73", "#CC79A7", "#0072B2", "#882255")
+# Colours of a film besides those of its arms.
+THEMES = {
+    "light": {
+        "paper": "#ffffff", "ink": "#1b2330", "faint": "#8a94a3", "grid": "#dfe4ea",
+        "floor": "#f1f4f7", "shadow": "#d3d9e0", "joint": "#39424f", "limit": "#c8157a",
+        "low": "#7d8898", "high": "#d98200",
+    },
+    "dark": {
+        "paper": "#0f141b", "ink": "#e8edf3", "faint": "#8793a3", "grid": "#2a3340",
+        "floor": "#151c25", "shadow": "#090c10", "joint": "#a9b4c2", "limit": "#ff4da6",
+        "low": "#8793a3", "high": "#f0e442",
+    },
+}  # fmt: skip
 PREFERRED = "time_optimal"
 
 

@@ -20,7 +20,7 @@ from microbot_ocp.scene import HalfSpace
 from microbot_ocp.views._eye import grid_spacing
 from microbot_ocp.views._scene import link_origins, link_poses, reach, tool_places
 from microbot_ocp.views._solids import part_solids
-from microbot_ocp.views._style import STYLE, Color
+from microbot_ocp.views._style import STYLE, THEMES, Color
 from microbot_ocp.views.animation._faces import (
     Camera,
     Faces,
@@ -32,18 +32,6 @@ from microbot_ocp.views.animation._faces import (
 from microbot_ocp.views.plots import halo, styled
 from microbot_ocp.views.recording import TIME, AnimatedArm, Recording, arcs, signed_share
 
-THEMES = {
-    "light": {
-        "paper": "#ffffff", "ink": "#1b2330", "faint": "#8a94a3", "grid": "#dfe4ea",
-        "floor": "#f1f4f7", "shadow": "#d3d9e0", "joint": "#39424f", "limit": "#c8157a",
-        "low": "#7d8898", "high": "#d98200",
-    },
-    "dark": {
-        "paper": "#0f141b", "ink": "#e8edf3", "faint": "#8793a3", "grid": "#2a3340",
-        "floor": "#151c25", "shadow": "#090c10", "joint": "#a9b4c2", "limit": "#ff4da6",
-        "low": "#8793a3", "high": "#f0e442",
-    },
-}  # fmt: skip
 SPACE_CORNERS = np.array([[0.02, 0.105], [0.61, 0.86]])  # lower left and upper right in the frame
 DASHED: Any = (0, (4, 3))
 

@@ -20,16 +20,20 @@ from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.tasks import Comparison
 from microbot_ocp.views import _scene as scene
-from microbot_ocp.views._style import STYLE, entry_title, failures, look
+from microbot_ocp.views._style import (
+    FURTHER_LIMIT_COLORS,
+    LIMIT_COLORS,
+    STYLE,
+    entry_title,
+    failures,
+    look,
+)
 from microbot_ocp.views.plots._curves import limit_handle
 from microbot_ocp.views.plots._page import AxesGrid, axes_page, styled
 
 # Bars of the saturation chart: upper limits are plain, lower limits hatched; the bar of the torque
-# is the highest, the bar of the velocity thin. Limits of the arm cycle through FURTHER_FACES.
+# is the highest, the bar of the velocity thin.
 HEIGHTS = {"taud": 0.5, "qdd": 0.5, "qddd": 0.4, "qd": 0.26}
-
-FACES = {"tau": "0.35", "taud": "0.6", "qdd": "0.6", "qddd": "#56B4E9", "qd": "#E69F00"}
-FURTHER_FACES = ("#009E73", "#CC79A7", "#0072B2", "#882255")
 JUMP_LINE: dict[str, Any] = {"color": STYLE.ink, "linestyle": ":", "linewidth": 2.0}
 SWITCH_LINE: dict[str, Any] = {"color": "0.55", "linewidth": 0.8}
 
@@ -218,7 +222,7 @@ def saturation(
     panel.grid(axis="y", visible=False)
     panel.tick_params(axis="y", length=0, labelsize=font)
     panel.set_xlabel("t [s]")
-    kinds = sorted(kinds, key=lambda kind: (kind[0] in FACES, *kind), reverse=True)
+    kinds = sorted(kinds, key=lambda kind: (kind[0] in LIMIT_COLORS, *kind), reverse=True)
     patches = [
         Patch(label=scene.limit_text(family[q].name, s), **_face(family, q, s)) for q, s in kinds
     ]
@@ -227,8 +231,8 @@ def saturation(
 
 
 def _face(family: LimitFamily, quantity: str, side: int) -> dict[str, Any]:
-    further = [key for key in family.keys if key != "q" and key not in FACES]
-    color = (FACES | dict(zip(further, cycle(FURTHER_FACES), strict=False)))[quantity]
+    further = [key for key in family.keys if key != "q" and key not in LIMIT_COLORS]
+    color = (LIMIT_COLORS | dict(zip(further, cycle(FURTHER_LIMIT_COLORS), strict=False)))[quantity]
     if quantity == "qd":
         return {"facecolor": color, "edgecolor": "black", "linewidth": 0.5}
     plain = {"facecolor": color, "edgecolor": color, "linewidth": 0.5}

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from cycler import cycler
 from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -31,7 +32,7 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError, shown
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes
 from microbot_ocp._base.writing import made_folder, write_whole
-from microbot_ocp.views._style import STYLE
+from microbot_ocp.views._style import JOINT_LOOKS, STYLE
 
 FORMATS = (".png", ".pdf", ".svg", ".jpg", ".jpeg")
 SETTINGS: dict[Any, Any] = {
@@ -42,6 +43,7 @@ SETTINGS: dict[Any, Any] = {
     "legend.fontsize": 9.0,
     "xtick.labelsize": 8.5,
     "ytick.labelsize": 8.5,
+    "axes.prop_cycle": cycler(color=[color for color, _ in JOINT_LOOKS]),
     "axes.grid": True,
     "grid.color": "0.88",
     "grid.linewidth": 0.6,

@@ -11,7 +11,7 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from microbot_ocp._base.table import Column, Table
-from microbot_ocp.views._style import STYLE
+from microbot_ocp.views._style import FIXED, PREFERRED, STYLE
 
 STYLES = {"bad": "red", "missing": "dim"}
 COLORS = {"bad": f"color:{STYLE.warning}", "missing": "opacity:.6"}
@@ -62,6 +62,7 @@ def _style(column: Column) -> str:
 def _cell(column: Column, value: object) -> str:
     text = escape(column.text(value))
     if column.bar and isinstance(value, int | float):
-        look = f"width:{8 * min(value, 4):.2f}em;height:.7em;background:#D55E00;opacity:.75"
+        width, color = 8 * min(value, 4), FIXED[PREFERRED][0]
+        look = f"width:{width:.2f}em;height:.7em;background:{color};opacity:.75"
         text += f' <span style="display:inline-block;{look}"></span>'
     return f"<td {_style(column)}>{text}</td>"
