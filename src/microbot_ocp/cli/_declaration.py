@@ -440,7 +440,7 @@ def documented(source: Any) -> dict[str, tuple[str, str]]:
     entry = re.compile(r"^(\w+(?:, \w+)*)(?: : ([^\n]*))?((?:\n +[^\n]*)*)", re.MULTILINE)
     for names, kind, body in entry.findall(listed):
         metavar = kind if re.fullmatch(r"[A-Z:]+", kind) else ""
-        typed = metavar or "Parameters" in sections
+        typed = "Parameters" in sections or re.fullmatch(r"[A-Z:]+|\w+(, optional)?", kind)
         text = " ".join((body if typed else f"{kind} {body}").split())
         texts |= dict.fromkeys(names.split(", "), (metavar, text))
     return texts

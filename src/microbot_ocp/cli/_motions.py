@@ -329,8 +329,11 @@ def check(
     return Answer(document, blocks, certified=certificate.ok, save=save)
 
 
-@command(writes=("",), folder="microbot-demo", recorded=True, solves=True)
-def demo(progress: Progress, mesh: int = 200) -> Answer:
+@command(
+    {"planning.TimeOptimalSettings": "mesh"},
+    writes=("",), folder="microbot-demo", recorded=True, solves=True,
+)  # fmt: skip
+def demo(progress: Progress, **settings: Any) -> Answer:
     """Run a ready-made comparison of all methods.
 
     The 3R Microbot moves through three poses by every method, under the same limits. On a terminal
@@ -340,8 +343,6 @@ def demo(progress: Progress, mesh: int = 200) -> Answer:
     ----------
     out : FOLDER
         Folder for the report, tables, figures, recording, motions.
-    mesh : N
-        Intervals between two poses.
 
     Examples
     --------
@@ -349,7 +350,7 @@ def demo(progress: Progress, mesh: int = 200) -> Answer:
     """
     with as_file(files("microbot_ocp.tasks") / "packaged" / "demo.toml") as path:
         task = read_task(path)
-    task = replace(task, settings={**task.settings, "mesh": mesh})
+    task = replace(task, settings={**task.settings, **settings})
     answer = _compared(task.compare(progress), task.outputs, progress)
 
     def save(path: Path) -> object:
