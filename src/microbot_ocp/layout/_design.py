@@ -285,7 +285,9 @@ def design(
     >>> import microbot_ocp as mo
     >>> robot = mo.load_robot("planar_2r")
     >>> stops = [mo.Stop(position=[0.6, y, 0.0]) for y in (0.3, -0.3)]
-    >>> found = mo.design(robot, stops, "base.x", {"base.x": (-0.1, 0.1)}, mesh=20)
+    >>> quick = mo.layout.DesignSettings(nodes=4, solves=2, starts=0)
+    >>> free, bounds = "base.x", {"base.x": (-0.1, 0.1)}
+    >>> found = mo.design(robot, stops, free, bounds, mesh=20, settings=quick)
     >>> found.period < found.period_before
     True
     """
