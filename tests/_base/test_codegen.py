@@ -21,6 +21,7 @@ from microbot_ocp import fast_call
 from microbot_ocp._base import codegen
 from microbot_ocp._base.codegen import compile_function, compile_functions, compile_recipe
 
+compiles = pytest.mark.skipif(not codegen.COMPILES, reason="no C code is compiled here")
 needs_compiler = pytest.mark.skipif(codegen.compiler() is None, reason="no C compiler")
 
 
@@ -168,6 +169,7 @@ def test_without_a_compiler_the_function_itself_comes_back_with_a_warning(
     assert not folder.exists()
 
 
+@compiles
 def test_compiler_is_looked_for_by_name(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     own = stub_compiler(tmp_path / "own-cc", "exit 0")
     find = codegen.compiler.__wrapped__
@@ -180,6 +182,7 @@ def test_compiler_is_looked_for_by_name(monkeypatch: pytest.MonkeyPatch, tmp_pat
     assert find() is None
 
 
+@compiles
 def test_failing_compiler_is_quoted_in_the_warning(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -289,6 +292,7 @@ def test_a_damaged_extension_module_is_made_again(folder: Path) -> None:
         damaged("truncated", library, np.random.default_rng())
 
 
+@compiles
 def test_a_compiler_that_hangs_is_ended_with_its_children(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -342,6 +346,7 @@ def test_a_killed_compile_leaves_nothing_to_the_next(
     assert sorted(path.suffix for path in folder.iterdir()) == [".sha256", ".so"]
 
 
+@compiles
 def test_a_compiler_may_say_what_is_no_text(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -351,6 +356,7 @@ def test_a_compiler_may_say_what_is_no_text(
         compile_function(doubled())
 
 
+@compiles
 def test_a_user_without_a_home(temporary: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def unknown() -> Path:
         raise RuntimeError("Could not determine home directory.")

@@ -26,7 +26,10 @@ FUNCTIONS = {
 ROWS = 19  # two registers full of states and a rest, whatever the machine's width
 
 
-@pytest.fixture(params=["extension", "buffer"])
+needs_compiler = pytest.mark.skipif(mo.compiler() is None, reason="no C compiler")
+
+
+@pytest.fixture(params=[pytest.param("extension", marks=needs_compiler), "buffer"])
 def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> str:
     if request.param == "buffer":
         monkeypatch.setattr(sysconfig, "get_path", lambda name: str(tmp_path / name))
@@ -211,6 +214,7 @@ def test_a_loop_needs_a_state_and_a_number() -> None:
         deferred_call(ca.Function("wrong", [x], [x, x]), 3)
 
 
+@needs_compiler
 def test_a_deferred_call_compiles_once_that_pays(monkeypatch):
     x = ca.SX.sym("x", 3)
     factor = np.random.default_rng().uniform()  # compiled never before
@@ -236,6 +240,7 @@ def test_a_deferred_call_compiles_once_that_pays(monkeypatch):
     assert made == ["once"]
 
 
+@needs_compiler
 def test_a_deferred_call_that_had_no_time_to_compile_tries_again(monkeypatch):
     x = ca.SX.sym("x", 2)
     call = deferred_call.__wrapped__(ca.Function("later", [x], [ca.sin(x)]))
@@ -310,6 +315,7 @@ def test_a_deferred_call_without_a_compiler():
         assert call(rows[:0], rows[:0], rows[:0]).shape == (0, 3)
 
 
+@needs_compiler
 def test_a_repetition_whose_calls_are_kept_ends_where_it_says_or_at_its_most(monkeypatch):
     x, a = ca.SX.sym("x", 2), ca.SX.sym("a")
     step = [a * x, x[0] < 7, ca.sin(x)]  # goes on from 1, 2, 4
@@ -338,6 +344,7 @@ def test_rows_are_read_in_place_in_any_order(way: str) -> None:
     np.testing.assert_array_equal(call(repeated[:, :2], table[:, 2:]), table[0, :2] * table[:, 3:])
 
 
+@needs_compiler
 def test_a_chain_goes_along_the_rows_from_one_state(monkeypatch):
     x, a, b = ca.SX.sym("x", 2), ca.SX.sym("a"), ca.SX.sym("b", 2)
     function = ca.Function("chain", [x, a, b], [a * x + b, ca.sin(x)])

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
+from microbot_ocp._base.system import FORKS
 from microbot_ocp.cli import main
 
 TASK = 'schema = 1\nrobot = "planar_2r"\n'
@@ -120,6 +121,7 @@ def test_the_package_is_the_program():
     assert done.stdout.startswith("microbot-ocp ")
 
 
+@pytest.mark.skipif(not FORKS, reason="no forks")
 def test_the_thread_that_waits_for_signals_does_not_keep_solvers_from_forking():
     """Without a process of its own fatrop may go on for ever: no limit of time reaches it."""
     code = (

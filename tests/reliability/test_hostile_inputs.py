@@ -105,8 +105,13 @@ def test_control_characters_of_a_path_are_written_as_codes(name: str) -> None:
     assert "\\x00" in refused(read, path)
 
 
+NO_PIPES = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names")
+
+
 @pytest.mark.parametrize("name", READERS)
-@pytest.mark.parametrize("kind", ["folder", "loop", "pipe", "empty", "noise"])
+@pytest.mark.parametrize(
+    "kind", ["folder", "loop", pytest.param("pipe", marks=NO_PIPES), "empty", "noise"]
+)
 def test_what_is_no_file_of_the_kind(tmp_path: Path, name: str, kind: str) -> None:
     read, given = READERS[name]
     path = tmp_path / f"x{Path(given).suffix}"

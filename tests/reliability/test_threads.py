@@ -11,6 +11,7 @@ from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -266,11 +267,11 @@ def from_threads(call: Callable[[int], Any], calls: int = CALLS, different: int 
 
 
 LONGER = ("certify", "shortest_duration", "TimeOptimalSolver")
+MARKS = dict.fromkeys(LONGER, pytest.mark.thorough)
+MARKS["clearance"] = pytest.mark.skipif(find_spec("coal") is None, reason="no coal")
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.thorough if n in LONGER else ()) for n in QUICK]
-)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=MARKS.get(n, ())) for n in QUICK])
 def test_threads_get_the_answers_of_one(name):
     assert from_threads(QUICK[name], 3 if name in LONGER else 6, different=2) == 0
 
@@ -320,6 +321,7 @@ def test_a_prepared_answer_does_not_depend_on_what_was_asked_before():
     assert arrays_of(with_mass(first, 3)) == arrays_of(with_mass(second, 3))
 
 
+@pytest.mark.skipif(mo.compiler() is None, reason="no C compiler")
 def test_limits_of_time_and_of_compilers_are_those_of_a_thread():
     with deadline.within(1e-3), interpreted(), ThreadPoolExecutor(1) as pool:
         assert pool.submit(deadline.left).result() == np.inf

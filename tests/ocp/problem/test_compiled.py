@@ -1,6 +1,5 @@
 """Compiled functions in problems and limits: what they were made of is differentiated."""
 
-import shutil
 import subprocess
 
 import casadi as ca
@@ -12,7 +11,7 @@ from helpers import sampled
 from microbot_ocp import InputError, ocp
 from microbot_ocp._base.codegen import compile_function
 
-needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+needs_compiler = pytest.mark.skipif(mo.compiler() is None, reason="no C compiler")
 ROBOT = mo.load_robot("microbot")
 GOAL = np.radians([-90.0, 90.0, 90.0])
 

@@ -3,7 +3,6 @@
 import copy
 import pickle
 import re
-import shutil
 import subprocess
 import sys
 
@@ -11,6 +10,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+import microbot_ocp as mo
 from helpers import sampled_rows
 from microbot_ocp import InputError
 from microbot_ocp.ocp.problem import OptimalControlProblem
@@ -261,7 +261,7 @@ def test_only_one_phase_of_fixed_duration_is_shifted(solver):
         solver.solve().shifted(0.1)
 
 
-@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+@pytest.mark.skipif(mo.compiler() is None, reason="no C compiler")
 def test_exported_c_solves_the_problem_alone(solver, tmp_path):
     code = solver.export_c(tmp_path / "cart.c")
     library = str(tmp_path / "cart.so")
