@@ -18,7 +18,7 @@ from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Variable, nod
 from microbot_ocp.ocp.solution import Given, PhaseSolution, Solution, StartingPoint, pack
 from microbot_ocp.ocp.starts._measured_guess import with_measurements
 from microbot_ocp.ocp.starts._rollout import rollouts
-from microbot_ocp.ocp.transcription import Block, Guess, GuessValue, PhaseLayout, Program
+from microbot_ocp.ocp.transcription import Block, Guess, PhaseLayout, Program
 from microbot_ocp.ocp.transcription.schemes import Collocation
 
 
@@ -87,7 +87,9 @@ def completed(
         return rollouts(problem, default_guess(problem))[0]
     if isinstance(guess, str):
         raise InputError(f"guess must be a mapping, a Solution or 'rollout', not {guess!r}")
-    ordinary, given = default_guess(problem), guess or {}
+    given = guess or {}
+    whole = all(_is_whole(given.get(phase.name), phase) for phase in problem.phases)
+    ordinary = {p.name: Guess() for p in problem.phases} if whole else default_guess(problem)
     free = {v.name for phase in problem.phases for v in phase.free_parameters}
     shared = {k: v for g in given.values() for k, v in g.values.items() if k in free}
     for phase in problem.phases:  # a free parameter has one value in all its phases
@@ -100,6 +102,12 @@ def completed(
         duration = usual.duration if value.duration is None else value.duration
         ordinary[name] = replace(usual.with_values(value.values), duration=duration)
     return ordinary
+
+
+def _is_whole(guess: Guess | None, phase: Phase) -> bool:
+    """Return True if a guess needs no value of the default guess, which may be a fit to data."""
+    names = {v.name for v in node_variables(phase)}
+    return guess is not None and guess.duration is not None and names <= guess.values.keys()
 
 
 def default_guess(problem: OptimalControlProblem) -> dict[str, Guess]:
@@ -156,13 +164,14 @@ def guess_from(problem: OptimalControlProblem, solution: Solution) -> dict[str, 
     many pieces of equal duration as the problem has phases. Variables that the solution does not
     have start from the default guess.
     """
-    ordinary = default_guess(problem)
+    ordinary = default_guess(problem) if any(missing_from(problem, solution)) else {}
     guesses = {}
+    samples: Samples = {}
     for phase, pieces, share in _taken_over(problem, solution):
-        values: dict[str, GuessValue] = dict(ordinary[phase.name].values)
+        values = dict(ordinary[phase.name].values) if ordinary else {}
         for variable in phase.variables:
             if all(_has(piece, variable) for piece in pieces):
-                values[variable.name] = partial(_along, pieces, variable.name, share)
+                values[variable.name] = partial(_along, pieces, variable.name, share, samples)
         whole = sum(piece.duration for piece in pieces)
         duration = float(np.clip(whole * (share[1] - share[0]), *phase.duration_bounds))
         guesses[phase.name] = Guess(duration, values)
@@ -194,8 +203,16 @@ def _has(piece: PhaseSolution, variable: Variable) -> bool:
     return variable.name in piece.values and piece.values[variable.name].shape[-1] == variable.size
 
 
+# The last samples of a phase serve all its variables: key phase name; times and values by name.
+Samples = dict[str, tuple[FloatArray, Mapping[str, FloatArray]]]
+
+
 def _along(
-    pieces: Sequence[PhaseSolution], name: str, share: tuple[float, float], s: FloatArray
+    pieces: Sequence[PhaseSolution],
+    name: str,
+    share: tuple[float, float],
+    samples: Samples,
+    s: FloatArray,
 ) -> FloatArray:
     """Return values [M, size] of a variable at fractions [M] of a share of the pieces."""
     edges = np.cumsum([0.0, *(piece.duration for piece in pieces)])
@@ -205,13 +222,16 @@ def _along(
     for index, piece in enumerate(pieces):
         inside = which == index
         if inside.any():
-            result[inside] = _values(piece, name, t[inside] - edges[index])
+            result[inside] = _values(piece, name, t[inside] - edges[index], samples)
     return result
 
 
-def _values(piece: PhaseSolution, name: str, t: FloatArray) -> FloatArray:
+def _values(piece: PhaseSolution, name: str, t: FloatArray, samples: Samples) -> FloatArray:
     if piece.layout is not None:
-        return piece.sample(t)[name]
+        at, values = samples.get(piece.name, (np.zeros(0), {}))
+        if not np.array_equal(at, t):
+            samples[piece.name] = _, values = t, piece.sample(t)
+        return values[name]
     table, share = piece.values[name], np.clip(t / piece.duration, 0.0, 1.0)
     if table.ndim == 2 and table.shape[0] == piece.mesh.size:
         return np.column_stack([np.interp(share, piece.mesh, column) for column in table.T])

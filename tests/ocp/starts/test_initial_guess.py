@@ -1,0 +1,52 @@
+"""Starting points from earlier solutions and complete guesses, and what they cost."""
+
+import numpy as np
+import pytest
+
+from microbot_ocp.ocp.solution import PhaseSolution
+from microbot_ocp.ocp.solvers import SolverSettings, _chain, solve_on, with_cost_scale
+from microbot_ocp.ocp.starts import (
+    _initial_guess,
+    completed,
+    default_guess,
+    guess_from,
+    starting_point,
+)
+from microbot_ocp.ocp.transcription import Transcription
+from ocp.textbook import bryson_denham, solve_once
+
+
+def test_all_variables_of_a_solution_are_sampled_together(monkeypatch):
+    problem = bryson_denham(0.1, shape="polynomial")
+    solution = solve_once(problem, 10)
+    sample, times = PhaseSolution.sample, []
+    monkeypatch.setattr(PhaseSolution, "sample", lambda p, t: times.append(t) or sample(p, t))
+    starting_point(Transcription(problem).program(15), problem, solution)
+    assert len(times) == 4  # at the mesh points and at three collocation points
+    guess = guess_from(problem, solution)["fly"].values
+    shares = np.linspace(0.0, 1.0, 7)
+    for name in ("x", "v", "u", "x"):  # also at other places in between
+        assert guess[name](shares) == pytest.approx(sample(solution["fly"], shares)[name])
+        assert guess[name](shares[:2]) == pytest.approx(sample(solution["fly"], shares[:2])[name])
+
+
+def test_a_complete_guess_needs_no_default(monkeypatch):
+    problem = bryson_denham(0.1)
+    whole = default_guess(problem)
+    monkeypatch.setattr(_initial_guess, "default_guess", lambda _: pytest.fail("not needed"))
+    assert completed(problem, whole)["fly"].values.keys() == whole["fly"].values.keys()
+
+
+def test_a_solve_from_a_coarser_mesh_begins_at_the_barrier_of_its_complementarity():
+    problem, settings = bryson_denham(0.1), SolverSettings()
+    transcription = Transcription(problem)
+
+    def barrier(intervals: int) -> float:
+        program = transcription.program(24)
+        before = solve_on(transcription, intervals, None, settings)
+        start = starting_point(program, problem, before)
+        program = with_cost_scale(program, start.x, settings)
+        return _chain._aimed(settings, program, start).options["ipopt warm"]["mu_init"]
+
+    assert barrier(24) == _chain.TIGHTENING.barrier
+    assert barrier(5) >= 100 * _chain.TIGHTENING.barrier
