@@ -170,19 +170,15 @@ def transcribed(
 def _aimed(settings: SolverSettings, program: Program, start: StartingPoint) -> SolverSettings:
     """Return settings with which a solve from multipliers ends at the barrier of the wanted gap.
 
-    It begins at the barrier of its complementarity: a start from a mesh that is too coarse is far.
     CasADi returns one multiplier for the two bounds of a variable, so a solve that is restarted to
     lower its barrier takes several times the iterations of one that continues.
     """
     if not (begins_warm(settings, start) and np.isfinite(settings.gap)):
         return settings
     wanted = wanted_gap(program, settings, program.cost(start.x))
-    barrier = max(warm_barrier(settings, program, start) or 0.0, TIGHTENING.barrier)
     warm = {
         "compl_inf_tol": _complementarity(program, wanted),
-        # Barrier and distance from the bounds agree: steps are short where products of multipliers
-        # and slacks differ from the barrier.
-        **dict.fromkeys(("mu_init", *WARM_PUSHES), barrier),
+        **WARM_START,
         **settings.options.get("ipopt warm", {}),
     }
     return replace(settings, options={**settings.options, "ipopt warm": warm})
@@ -303,7 +299,7 @@ class Tightening:
     Attributes
     ----------
     ratio : fraction of the wanted gap that the barrier may take
-    barrier : least barrier parameter at which a warm start begins
+    barrier : barrier parameter of a warm start
     usual : complementarity tolerance of IPOPT by default
     least_barrier : least barrier parameter that solvers reach
     """
@@ -315,6 +311,10 @@ class Tightening:
 
 
 TIGHTENING = Tightening()
+
+# Barrier and distance from the bounds agree: steps are short where products of multipliers and
+# slacks differ from the barrier.
+WARM_START = dict.fromkeys(("mu_init", *WARM_PUSHES), TIGHTENING.barrier)
 
 # Tolerance and options of each further solve. IPOPT relaxes bounds by 1e-8 of their size by
 # default; the second solve reduces this, which needs a larger barrier parameter. Near an optimum of
