@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from microbot_ocp.ocp.solution import PhaseSolution
-from microbot_ocp.ocp.solvers import SolverSettings, _chain, solve_on, with_cost_scale
 from microbot_ocp.ocp.starts import (
     _initial_guess,
     completed,
@@ -35,18 +34,3 @@ def test_a_complete_guess_needs_no_default(monkeypatch):
     whole = default_guess(problem)
     monkeypatch.setattr(_initial_guess, "default_guess", lambda _: pytest.fail("not needed"))
     assert completed(problem, whole)["fly"].values.keys() == whole["fly"].values.keys()
-
-
-def test_a_solve_from_a_coarser_mesh_begins_at_the_barrier_of_its_complementarity():
-    problem, settings = bryson_denham(0.1), SolverSettings()
-    transcription = Transcription(problem)
-
-    def barrier(intervals: int) -> float:
-        program = transcription.program(24)
-        before = solve_on(transcription, intervals, None, settings)
-        start = starting_point(program, problem, before)
-        program = with_cost_scale(program, start.x, settings)
-        return _chain._aimed(settings, program, start).options["ipopt warm"]["mu_init"]
-
-    assert barrier(24) == _chain.TIGHTENING.barrier
-    assert barrier(5) >= 100 * _chain.TIGHTENING.barrier
