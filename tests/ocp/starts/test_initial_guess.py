@@ -1,5 +1,7 @@
 """Starting points from earlier solutions and complete guesses, and what they cost."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -22,7 +24,7 @@ def test_all_variables_of_a_solution_are_sampled_together(monkeypatch):
     monkeypatch.setattr(PhaseSolution, "sample", lambda p, t: times.append(t) or sample(p, t))
     starting_point(Transcription(problem).program(15), problem, solution)
     assert len(times) == 4  # at the mesh points and at three collocation points
-    guess = guess_from(problem, solution)["fly"].values
+    guess: Any = guess_from(problem, solution)["fly"].values
     shares = np.linspace(0.0, 1.0, 7)
     for name in ("x", "v", "u", "x"):  # also at other places in between
         assert guess[name](shares) == pytest.approx(sample(solution["fly"], shares)[name])
