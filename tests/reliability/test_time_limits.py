@@ -60,6 +60,8 @@ def _compiled():
     mo.compare(ROBOT, VIA, ["cubic", "straight_path"], mesh=10)
     mo.TimeOptimalSolver(ROBOT, VIA, mesh=10)()
     mo.follow_ik(ROBOT, MANY[:3])
+    mo.inverse_kinematics.solve_ik_each(ROBOT, MANY[:3])
+    mo.inverse_kinematics.solve_ik_batch(ROBOT, MANY[:3])
 
 
 @pytest.mark.parametrize("name", CALLS)
