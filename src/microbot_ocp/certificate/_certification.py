@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from functools import partial
 from typing import Any, NamedTuple, cast
 
@@ -22,7 +22,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.growth import growth_said
 from microbot_ocp.certificate._certificate import Certificate, LimitCheck, ResimulationFigures
 from microbot_ocp.certificate._resimulation import (
-    RESIMULATION,
+    NEAR_SINGULAR,
     Resimulation,
     resimulate,
     torque_sizes,
@@ -49,31 +49,6 @@ from microbot_ocp.motion import (
 from microbot_ocp.planning import Segment, Stop, Task, is_task, places_along, task_of
 from microbot_ocp.robot import JointLimits, Limits, Robot, mass_matrix_condition
 from microbot_ocp.scene import Scene, clearance_along, has_coal, with_arm_capsules
-
-
-@dataclass(frozen=True)
-class CertificateSettings:
-    """Settings of a certificate's checks and sentences.
-
-    Attributes
-    ----------
-    rounding : relative excess over a limit that is attributed to the solver's tolerance
-    linear_error : largest error to first order that is reported as a number, rad
-    named_part : smallest component of a direction that is named, relative to its largest component
-    condition_points : number of samples at which the mass matrix is evaluated first
-    between_samples : allowed excess of the torque between two samples, relative to the largest
-    all_along : fraction of time above which the motion counts as undetermined at every instant
-    """
-
-    rounding: float = 1e-7
-    linear_error: float = 0.1
-    named_part: float = 0.3
-    condition_points: int = 10_000
-    between_samples: float = 0.05
-    all_along: float = 1.0 - 1e-9
-
-
-SETTINGS = CertificateSettings()
 
 
 class Tolerances(NamedTuple):
@@ -326,7 +301,7 @@ def certificate_of(
 def _remarks(robot: Robot, again: Resimulation, figures: dict[str, Any]) -> str:
     """Return the remarks on poses at which torques hardly determine the motion, or not at all."""
     remarks = ""
-    if figures["condition_peak"] > RESIMULATION.near_singular:
+    if figures["condition_peak"] > NEAR_SINGULAR:
         remarks += (
             f"; mass matrix near singular at {figures['condition_time']:.4g} s (condition number "
             f"{figures['condition_peak']:.2g} at q = {_pose(robot, figures['condition_pose'])})"
@@ -405,12 +380,15 @@ def _limit_check(
     )
 
 
+CONDITION_POINTS = 10_000  # samples at which the mass matrix is evaluated first
+
+
 def _condition(robot: Robot, t: FloatArray, state: State) -> tuple[float, int]:
     """Return the largest condition number of the mass matrix, and its index in ``t``.
 
     A coarse pass finds the neighbourhood of the peak, a second pass evaluates every sample in it.
     """
-    function, apart = mass_matrix_condition(robot), -(-t.size // SETTINGS.condition_points)
+    function, apart = mass_matrix_condition(robot), -(-t.size // CONDITION_POINTS)
     at = apart * int(np.array(function(state.q[::apart].T)).argmax())
     first = max(0, at - apart)
     values = np.array(function(state.q[first : at + apart].T)).ravel()
@@ -429,6 +407,9 @@ def _stored_torque(robot: Robot, motion: Motion, allowed: float, start: float) -
     )
     passed = not error > allowed
     return Check("stored torque", passed, problem, name, float(moment), error, allowed)
+
+
+TORQUE_EXCESS = 0.05  # excess of the torque between two samples, relative to the largest
 
 
 def _between_samples(
@@ -454,7 +435,7 @@ def _between_samples(
         "position, velocity and acceleration contradict each other: half-way between two samples, "
         f"at {moment:.4g} s, the {what} leaves their range by {stray:.3g} of the largest {what}"
     )
-    allowed = SETTINGS.between_samples
+    allowed = TORQUE_EXCESS
     name = f"{what} between samples"
     return Check(name, not stray > allowed, problem, time=moment, value=stray, allowed=allowed)
 
@@ -512,6 +493,9 @@ def _limit_kept(check: LimitCheck, tolerance: float) -> Check:
     return Check(check.name, passed, check.excess, *where)
 
 
+SOLVER_ROUNDING = 1e-7  # relative excess over a limit due to the tolerance of the solver
+
+
 def _tightest(limit_checks: tuple[LimitCheck, ...], unjudged: Sequence[str] = ()) -> str:
     # The use of the position range depends on the path only, so any other limit is named first.
     used = [check for check in limit_checks if check.quantity != "q"] or list(limit_checks)
@@ -520,7 +504,7 @@ def _tightest(limit_checks: tuple[LimitCheck, ...], unjudged: Sequence[str] = ()
         return f"there is no limit{but}"
     tightest = max(used, key=lambda check: check.largest_use)
     worst = max(check.violation for check in limit_checks)
-    verdict = "is kept" if worst <= SETTINGS.rounding else f"is kept to within {100 * worst:.2g} %"
+    verdict = "is kept" if worst <= SOLVER_ROUNDING else f"is kept to within {100 * worst:.2g} %"
     use = f"{100 * tightest.largest_use:.4g} % at {tightest.time:.4g} s"
     return f"every limit{but} {verdict}, the tightest being {tightest.title} with {use}"
 
@@ -531,14 +515,20 @@ def summary(certificate: Certificate, *, simulated: bool) -> str:
     return "; ".join([limits, *(_agreement(certificate) if simulated else ["not simulated"])])
 
 
+ALL_ALONG = 1.0 - 1e-9  # fraction of time from which the motion is undetermined at every instant
+
+
 def _agreement(figures: ResimulationFigures) -> list[str]:
     """Return the remark on the re-simulation; none if torques never determine the motion."""
     if not np.isfinite(figures.defect):
         return ["kinematics only"]
-    if figures.undetermined_fraction > SETTINGS.all_along:
+    if figures.undetermined_fraction > ALL_ALONG:
         return []
     to = f" to {figures.defect:.1g} of the torques" if figures.defect > 1e-12 else ""
     return [f"re-simulation of {figures.segments} segments agrees{to}"]
+
+
+LARGEST_REPORTED_ERROR = 0.1  # largest error to first order that is reported as a number, rad
 
 
 def _summary(limit_checks: tuple[LimitCheck, ...], again: Resimulation) -> str:
@@ -546,7 +536,7 @@ def _summary(limit_checks: tuple[LimitCheck, ...], again: Resimulation) -> str:
     parts += _agreement(again)
     grown = growth_said(again.amplification)
     open_loop = f"an open-loop simulation is meaningless, as it amplifies errors up to {grown}"
-    if again.final_position_error < SETTINGS.linear_error:
+    if again.final_position_error < LARGEST_REPORTED_ERROR:
         error = again.final_position_error
         open_loop = (
             f"open-loop simulation ends within {error:.2g} rad, amplifying errors up to {grown}"
@@ -554,9 +544,12 @@ def _summary(limit_checks: tuple[LimitCheck, ...], again: Resimulation) -> str:
     return "; ".join([*parts, open_loop])
 
 
+NAMED_SHARE = 0.3  # smallest component of a direction that is named, relative to its largest one
+
+
 def _direction(robot: Robot, direction: FloatArray) -> str:
     """Return the names of the joints that make up a direction, with their components if several."""
-    parts = np.abs(direction) >= SETTINGS.named_part * np.abs(direction).max()
+    parts = np.abs(direction) >= NAMED_SHARE * np.abs(direction).max()
     if parts.sum() == 1:
         return robot.joint_names[int(np.abs(direction).argmax())]
     chosen = zip(direction[parts], np.array(robot.joint_names)[parts], strict=True)

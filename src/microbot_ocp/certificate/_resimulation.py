@@ -28,59 +28,15 @@ from microbot_ocp.motion import Motion, State, jump_gaps, mesh_of, nearest_sampl
 from microbot_ocp.robot import Robot, forward_dynamics, mass_matrix
 from microbot_ocp.simulation import interpolated, lagrange_weights
 
-
-@dataclass(frozen=True)
-class ResimulationSettings:
-    """Settings of the re-simulation.
-
-    Attributes
-    ----------
-    nodes : collocation nodes of a segment
-    longest_segment : largest length of a segment, s
-    shortest_segment : smallest length of a segment that converges, s; breaks may be nearer
-    shortest_stiff : smallest length of a segment that does not converge, s
-    most_segments : largest number of initial segments; they are longer in motions beyond 500 s
-    most_tried : largest number of segments tried, halved ones included; about 20 s of work
-    rounds : iterations before a segment is halved
-    stiff : damping rate times length above which a segment is solved by Newton iteration
-    converged : relative change of the state at which the iteration stops
-    resolved : allowed torque of the last two Legendre coefficients, relative to the tolerance
-    neighbours : offsets of the samples through which a cubic predicts a sample
-    wrong : factor on the tolerance above which a defect is final and the segment is not halved
-    known_state : accuracy of the motion's own states, rad (m) and rad/s (m/s)
-    near_singular : condition number above which the mass matrix counts as singular
-    undetermined : largest length of a segment that inverse dynamics judge alone, s
-    small_torque : smallest torque scale of a joint, relative to the largest of all joints
-    difference : step of the finite differences of the dynamics, rad (m) and rad/s (m/s)
-    """
-
-    nodes: int = 9
-    longest_segment: float = 0.1
-    shortest_segment: float = 2e-3
-    shortest_stiff: float = 1e-5
-    most_segments: int = 5_000
-    most_tried: int = 200_000
-    rounds: int = 16
-    stiff: float = 0.5
-    converged: float = 1e-13
-    resolved: float = 0.03
-    neighbours: tuple[int, ...] = (-2, -1, 1, 2)
-    wrong: float = 100.0
-    known_state: float = 1e-8
-    near_singular: float = 1e6
-    undetermined: float = 0.02
-    small_torque: float = 1e-3
-    difference: float = 1e-6
-
-
-RESIMULATION = ResimulationSettings()
+NODES = 9  # collocation nodes of a segment
+NEAR_SINGULAR = 1e6  # condition number above which the mass matrix is nearly singular
 
 
 IntArray = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
 
-_points, _weights = np.polynomial.legendre.leggauss(RESIMULATION.nodes)
-_to_coefficients = np.linalg.inv(np.polynomial.legendre.legvander(_points, RESIMULATION.nodes - 1))
+_points, _weights = np.polynomial.legendre.leggauss(NODES)
+_to_coefficients = np.linalg.inv(np.polynomial.legendre.legvander(_points, NODES - 1))
 PLACES, WEIGHTS = 0.5 * (_points + 1.0), 0.5 * _weights
 # Row i integrates the interpolating polynomial from the start of the segment to node i.
 INTEGRALS = 0.5 * np.column_stack(
@@ -156,6 +112,9 @@ class _Drive:
         return smooth, tau + added, added
 
 
+NEIGHBOURS = (-2, -1, 1, 2)  # offsets of the samples through which a cubic predicts a sample
+
+
 def _acceleration_uncertainty(motion: Motion, first: IntArray) -> FloatArray:
     """Return the acceleration uncertainty, integrated over the interval before each sample [N,n].
 
@@ -168,7 +127,7 @@ def _acceleration_uncertainty(motion: Motion, first: IntArray) -> FloatArray:
     missed = np.zeros_like(motion.qdd)
     if count < 5:
         return missed
-    stencil = np.arange(2, count - 2)[:, None] + RESIMULATION.neighbours
+    stencil = np.arange(2, count - 2)[:, None] + NEIGHBOURS
     weights = lagrange_weights(t[2:-2], t[stencil])
     guess = (weights[:, :, None] * motion.qdd[stencil]).sum(axis=1)
     missed[2:-2] = 2.0 * np.abs(guess - motion.qdd[2:-2])
@@ -180,6 +139,13 @@ def _acceleration_uncertainty(motion: Motion, first: IntArray) -> FloatArray:
     return missed
 
 
+LONGEST_SEGMENT = 0.1  # s
+SHORTEST_SEGMENT = 2e-3  # s, if it converges; breaks may be nearer
+SHORTEST_STIFF = 1e-5  # s, if it does not converge
+MOST_SEGMENTS = 5_000  # initial segments, longer in motions beyond 500 s
+MOST_TRIED = 200_000  # segments, halved ones included; about 20 s of work
+
+
 def resimulate(robot: Robot, motion: Motion, tolerance: float, first: float = 0.0) -> Resimulation:
     """Simulate a motion again and judge its defects.
 
@@ -188,8 +154,8 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float, first: float = 0.
     mesh, drive = mesh_of(motion), _Drive(robot, motion)
     size = torque_sizes(robot, motion)
     # Initial segments are equal; an edge moves to a mesh point nearer than half a segment.
-    count = int(np.ceil(motion.duration / RESIMULATION.longest_segment))
-    edges = np.linspace(0.0, motion.duration, min(count, RESIMULATION.most_segments) + 1)
+    count = int(np.ceil(motion.duration / LONGEST_SEGMENT))
+    edges = np.linspace(0.0, motion.duration, min(count, MOST_SEGMENTS) + 1)
     nearest = mesh[nearest_samples(mesh, edges)]
     near = np.abs(nearest - edges) < 0.5 * edges[1]
     edges = np.unique(np.where(near, nearest, edges))
@@ -201,7 +167,7 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float, first: float = 0.
         # A segment is divided until it holds no break and is resolved, or reaches its least length.
         inner = low < np.searchsorted(mesh, todo[:, 1] - 1e-9, side="left")
         segments, good, converged = _integrated(drive, size * tolerance, todo, inner)
-        shortest = np.where(converged, RESIMULATION.shortest_segment, RESIMULATION.shortest_stiff)
+        shortest = np.where(converged, SHORTEST_SEGMENT, SHORTEST_STIFF)
         small = ~inner & (np.diff(todo)[:, 0] <= shortest)
         stuck += int((small & ~good & ~converged).sum())
         done.append(segments.where(good | small))
@@ -213,7 +179,7 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float, first: float = 0.
             cut[k] = inside[np.abs(inside - cut[k]).argmin()]
         todo = np.vstack([np.column_stack([todo[:, 0], cut]), np.column_stack([cut, todo[:, 1]])])
         tried += good.size
-        if deadline.over() or tried + len(todo) > RESIMULATION.most_tried:
+        if deadline.over() or tried + len(todo) > MOST_TRIED:
             left = int((~(good | small)).sum())
             done.append(segments.where(~(good | small)))
     every = _Segments(*(np.concatenate(column) for column in zip(*done, strict=True)))
@@ -228,6 +194,9 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float, first: float = 0.
     return replace(judged, resimulation_status=status, message=message)
 
 
+SMALL_TORQUE = 1e-3  # smallest torque scale of a joint, relative to the largest of all joints
+
+
 def torque_sizes(robot: Robot, motion: Motion) -> FloatArray:
     """Return the torque scale of each joint [n], N m (N): its largest torque along the motion.
 
@@ -238,7 +207,14 @@ def torque_sizes(robot: Robot, motion: Motion) -> FloatArray:
     some = np.linspace(0, motion.t.size - 1, min(100, motion.t.size)).astype(int)
     momenta = np.einsum("kij,kj->ki", _mass_matrices(robot, motion.q[some]), motion.qd[some])
     peaks = np.maximum(peaks, np.abs(momenta).max(axis=0) / motion.duration)
-    return np.maximum(peaks, max(RESIMULATION.small_torque * float(peaks.max()), 1e-9))
+    return np.maximum(peaks, max(SMALL_TORQUE * float(peaks.max()), 1e-9))
+
+
+MOST_ITERATIONS = 16  # iterations before a segment is halved
+CONVERGED_CHANGE = 1e-13  # relative change of the state at which the iteration ends
+KNOWN_STATE = 1e-8  # accuracy of the motion's own states, rad (m) and rad/s (m/s)
+LONGEST_UNDETERMINED = 0.02  # largest length of a segment that inverse dynamics judge alone, s
+FINAL_DEFECT = 100.0  # factor on the tolerance above which a defect is final: no shorter segments
 
 
 def _integrated(
@@ -257,24 +233,24 @@ def _integrated(
     count, begin, h = robot.joint_count, spans[:, 0], np.diff(spans)[:, 0]
     h1 = h[:, None, None]
     t = (begin[:, None] + h[:, None] * PLACES).ravel()
-    shape = (h.size, RESIMULATION.nodes, count)
+    shape = (h.size, NODES, count)
     flat = motion.sample(t)
     qdd, tau, added = (part.reshape(shape) for part in drive(t, flat))
     sampled = flat.q.reshape(shape), flat.qd.reshape(shape), qdd
     q, qd, qdd = (part.copy() for part in sampled)
     wrong = (np.abs(added) > allowed).any(axis=(1, 2))
     matrices = _mass_matrices(robot, flat.q)
-    regular: BoolArray = np.less(_condition(matrices), RESIMULATION.near_singular)
+    regular: BoolArray = np.less(_condition(matrices), NEAR_SINGULAR)
     determined: BoolArray = np.logical_and.reduce(regular.reshape(shape[:2]), axis=1)
     first, last = motion.sample(begin), motion.sample(spans[:, 1])
     q0, qd0 = first.q[:, None], first.qd[:, None]
     converged = ~determined
-    inertia = matrices.reshape(h.size, RESIMULATION.nodes, count, count)[:, RESIMULATION.nodes // 2]
+    inertia = matrices.reshape(h.size, NODES, count, count)[:, NODES // 2]
     open_ = determined & ~(inner & _rough(inertia, qdd, allowed))
     stiff, modes = _stiff_modes(robot, flat, tau, h)
     # Collocation of equation (2) on all open segments, A = INTEGRALS: qd = qd0 + h A qdd(q, qd) and
     # q = q0 + h A qd. Segments leave the iteration as they converge or diverge.
-    for _ in range(RESIMULATION.rounds):
+    for _ in range(MOST_ITERATIONS):
         if not open_.any() or deadline.over():
             break
         qdd[open_] = _accelerations(robot, q[open_], qd[open_], tau[open_])
@@ -293,9 +269,9 @@ def _integrated(
             size = 1.0 + np.abs(place).max(axis=(1, 2))
         q[open_], qd[open_] = place, speed
         which = np.flatnonzero(open_)
-        converged[which[change <= RESIMULATION.converged * size]] = True
-        open_[which[~(change > RESIMULATION.converged * size) | ~np.isfinite(change)]] = False
-    good = converged & (determined | (h < RESIMULATION.undetermined))
+        converged[which[change <= CONVERGED_CHANGE * size]] = True
+        open_[which[~(change > CONVERGED_CHANGE * size) | ~np.isfinite(change)]] = False
+    good = converged & (determined | (h < LONGEST_UNDETERMINED))
     q[~converged], qd[~converged], qdd[~converged] = (part[~converged] for part in sampled)
     with np.errstate(over="ignore", invalid="ignore"):
         # Segments that did not converge integrate the motion's own velocity and acceleration.
@@ -304,7 +280,7 @@ def _integrated(
         defects = np.hstack([end_place - last.q, end_speed - last.qd])
         # Equation (3): a constant torque max(|M dqd| / h, 2 |M dq| / h^2) explains the part of the
         # defect beyond the accuracy of the motion's states.
-        beyond = np.sign(defects) * np.maximum(0.0, np.abs(defects) - RESIMULATION.known_state)
+        beyond = np.sign(defects) * np.maximum(0.0, np.abs(defects) - KNOWN_STATE)
         by_place = np.abs(np.einsum("kij,kj->ki", inertia, beyond[:, :count]))
         by_speed = np.abs(np.einsum("kij,kj->ki", inertia, beyond[:, count:]))
         torques = np.maximum(2.0 * by_place / h[:, None] ** 2, by_speed / h[:, None])
@@ -313,7 +289,7 @@ def _integrated(
         torques[alone] = np.abs(added[alone]).max(axis=1)
         unknown = np.einsum("kij,kj->ki", np.abs(inertia), drive.unknown(begin, spans[:, 1]))
         resolved = ~_rough(inertia, qdd, allowed)
-        far = (torques > RESIMULATION.wrong * (allowed + unknown)).any(axis=1)
+        far = (torques > FINAL_DEFECT * (allowed + unknown)).any(axis=1)
         good &= resolved | far
         # Breaks inside a segment are harmless only if its defect is allowed; otherwise it is cut.
         good &= ~(inner & (torques > allowed).any(axis=1))
@@ -321,11 +297,17 @@ def _integrated(
     return _Segments(begin, spans[:, 1], defects, torques, unknown, determined), good, converged
 
 
+RESOLVED_TAIL = 0.03  # torque of the last two Legendre coefficients, relative to the tolerance
+
+
 def _rough(inertia: FloatArray, qdd: FloatArray, allowed: FloatArray) -> BoolArray:
     """Return a mask of segments [K] whose nodes do not resolve the accelerations [K,NODES,n]."""
     tail = np.abs(np.einsum("an,knj->kaj", TAIL, qdd)).max(axis=1)
     torque = np.abs(np.einsum("kij,kj->ki", inertia, tail))
-    return np.logical_or.reduce(torque > RESIMULATION.resolved * allowed, axis=1)
+    return np.logical_or.reduce(torque > RESOLVED_TAIL * allowed, axis=1)
+
+
+STIFF_DAMPING = 0.5  # damping rate times length above which Newton iteration solves a segment
 
 
 def _stiff_modes(
@@ -336,11 +318,11 @@ def _stiff_modes(
     The derivative of the acceleration by the velocity is evaluated at the middle of each segment.
     The inverses [stiff,NODES,n,n] belong to the eigenvectors of ``INTEGRALS``.
     """
-    middle = slice(RESIMULATION.nodes // 2, None, RESIMULATION.nodes)
-    torque = tau[:, RESIMULATION.nodes // 2]
+    middle = slice(NODES // 2, None, NODES)
+    torque = tau[:, NODES // 2]
     slopes = _slopes(robot, state.q[middle], state.qd[middle], torque, (0.0, 1.0))
     slopes *= h[:, None, None]
-    stiff: BoolArray = np.abs(slopes).max(axis=(1, 2)) > RESIMULATION.stiff
+    stiff: BoolArray = np.abs(slopes).max(axis=(1, 2)) > STIFF_DAMPING
     matrices = np.eye(robot.joint_count) - MODES[:, None, None] * slopes[stiff, None]
     return stiff, np.linalg.inv(matrices)
 
@@ -369,7 +351,7 @@ def _figures_of(
         least = int(ratio.argmin())
         direction = vectors[least, :, 0]
         direction = direction * np.sign(direction[np.abs(direction).argmax()])
-        besides = int((values[least, 1:] * RESIMULATION.near_singular <= values[least, -1]).sum())
+        besides = int((values[least, 1:] * NEAR_SINGULAR <= values[least, -1]).sum())
     message = f"it did not converge on {stuck} of {lengths.size} segments" if stuck else ""
     return Resimulation(
         resimulation_status=Status.INTEGRATION_FAILED if stuck else Status.SOLVED,
@@ -400,6 +382,9 @@ def _linearised(robot: Robot, state: State) -> FloatArray:
     return slopes
 
 
+DIFFERENCE_STEP = 1e-6  # step of the finite differences, rad (m) and rad/s (m/s)
+
+
 def _slopes(
     robot: Robot, q: FloatArray, qd: FloatArray, tau: FloatArray, by: tuple[float, float]
 ) -> FloatArray:
@@ -412,9 +397,9 @@ def _slopes(
     with np.errstate(over="ignore", invalid="ignore"):
         changes = [
             _accelerations(robot, q + by[0] * step, qd + by[1] * step, tau) - base
-            for step in RESIMULATION.difference * np.eye(robot.joint_count)
+            for step in DIFFERENCE_STEP * np.eye(robot.joint_count)
         ]
-        return np.nan_to_num(np.stack(changes, axis=2) / RESIMULATION.difference)
+        return np.nan_to_num(np.stack(changes, axis=2) / DIFFERENCE_STEP)
 
 
 def _accelerations(robot: Robot, q: FloatArray, qd: FloatArray, tau: FloatArray) -> FloatArray:

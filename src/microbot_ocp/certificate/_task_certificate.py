@@ -7,7 +7,7 @@ the difference of two rotations, distances to a polyline of many points.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
@@ -23,24 +23,9 @@ from microbot_ocp.motion import JUMP_GAP, Motion, State, jump_gaps, nearest_samp
 from microbot_ocp.planning import Circle, JointLine, Line, Stop, Task, stretches, tool_poses
 from microbot_ocp.robot import Robot, forward_kinematics, jacobian
 
-
-@dataclass(frozen=True)
-class SegmentTolerances:
-    """Tolerances of the checks of stops and segments.
-
-    Attributes
-    ----------
-    points : number of points of the polyline that represents a curve
-    continuous : largest step of the position between two segments, rad (m)
-    still : largest velocity at rest, and largest error of a required velocity, rad/s (m/s)
-    """
-
-    points: int = 2001
-    continuous: float = 1e-6
-    still: float = 1e-4
-
-
-SEGMENT_TOLERANCES = SegmentTolerances()
+POINTS = 2001  # points of the polyline that represents a curve
+CONTINUOUS = 1e-6  # largest step of the position between two segments, rad (m)
+STILL = 1e-4  # largest velocity at rest, and error of a required velocity, rad/s (m/s)
 
 
 def certificate_of_task(
@@ -107,9 +92,9 @@ def _steps(motion: Motion, times: Sequence[float]) -> list[Check]:
         before, after = (motion.sample([time + k * 2 * JUMP_GAP]) for k in (-1, 1))
         moved = after.q - before.q - 2 * JUMP_GAP * (before.qd + after.qd)
         # The velocity may change by 1e4 rad/s^2 over the gap around the jump.
-        still = SEGMENT_TOLERANCES.still + 4 * JUMP_GAP * 1e4
+        still = STILL + 4 * JUMP_GAP * 1e4
         for what, unit, steps, allowed in (
-            ("position", "rad", moved, SEGMENT_TOLERANCES.continuous),
+            ("position", "rad", moved, CONTINUOUS),
             ("velocity", "rad/s", after.qd - before.qd, still),
         ):
             step = float(np.abs(steps).max())
@@ -125,21 +110,20 @@ def _steps(motion: Motion, times: Sequence[float]) -> list[Check]:
 
 def _check_stops(task: Task, motion: Motion) -> list[Check]:
     checks = []
-    still = SEGMENT_TOLERANCES.still
     for k, (stop, mark) in enumerate(zip(task.stops, motion.marks, strict=True)):
         state = motion.sample([mark.time])
         misses = stop_misses(task.robot, stop, state.q[0])
         qd = state.qd[0]
         if task.at_rest(k):
-            misses["velocity", "rad/s"] = float(np.abs(qd).max()) - still
+            misses["velocity", "rad/s"] = float(np.abs(qd).max()) - STILL
         elif not isinstance(stop.velocity, str | None):
             velocity, unit = qd, "rad/s"
             if stop.q is None:
                 velocity, unit = (np.array(jacobian(task.robot)(state.q[0])) @ qd)[:3], "m/s"
-            misses["velocity", unit] = float(np.abs(velocity - stop.velocity).max()) - still
+            misses["velocity", unit] = float(np.abs(velocity - stop.velocity).max()) - STILL
         if stop.acceleration is not None and task.family.jerk_matters:
             off = np.abs(state.qdd[0] - stop.acceleration).max()
-            allowed = SEGMENT_TOLERANCES.still * max(1.0, np.abs(stop.acceleration).max())
+            allowed = STILL * max(1.0, np.abs(stop.acceleration).max())
             misses["acceleration", "rad/s^2"] = float(off - allowed)
         for (what, unit), miss in misses.items():
             problem = f"stop {stop.name!r} is missed in its {what} by {miss:.3g} {unit}"
@@ -151,7 +135,7 @@ def _check_stops(task: Task, motion: Motion) -> list[Check]:
             off = float(np.abs(a - b).max())
             problem = f"start and end of the cycle differ in {what} by {off:.3g}"
             end = motion.duration
-            checks.append(Check(f"{what} of the cycle", off <= still, problem, "", end, off, still))
+            checks.append(Check(f"{what} of the cycle", off <= STILL, problem, "", end, off, STILL))
     return checks
 
 
@@ -199,7 +183,7 @@ def _check_segments(task: Task, motion: Motion) -> list[Check]:
         q = samples.q[here]
         if isinstance(kind, JointLine):
             ends = [np.array(task.stops[i].q) for i in (k, k + 1)]
-            shares = np.linspace(0.0, 1.0, SEGMENT_TOLERANCES.points)[:, None]
+            shares = np.linspace(0.0, 1.0, POINTS)[:, None]
             distance = _to_polyline(q, ends[0] + shares * (ends[1] - ends[0]))[0].max()
             checks.append(_near(task.name_of(k), "distance", distance, kind.tolerance, "rad"))
         elif isinstance(kind, Line | Circle):
@@ -219,7 +203,7 @@ def _check_curve(task: Task, k: int, kind: Line | Circle, q: FloatArray) -> list
     assert oriented is not None
     curve, turning = oriented
     poses = tool_poses(task.robot, q)
-    line = curve.points(np.linspace(0.0, 1.0, SEGMENT_TOLERANCES.points))
+    line = curve.points(np.linspace(0.0, 1.0, POINTS))
     distance, share = _to_polyline(poses[:, :3, 3], line)
     name = task.name_of(k)
     near = _near(name, "distance", distance.max(), kind.tolerance, "m")

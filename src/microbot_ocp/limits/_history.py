@@ -21,28 +21,6 @@ JUMP_TIME = 1e-6  # s, assumed duration of a jump of the acceleration
 SHORTEST = 2e-3  # s; shorter gaps and spells are an effect of the solver's mesh
 
 
-@dataclass(frozen=True)
-class PeakSearch:
-    """Settings of the search for maxima along a motion.
-
-    Attributes
-    ----------
-    points_per_piece : int
-        Points of the grid on which maxima are located.
-    rounds : int
-        Refinements, each of which divides the grid step around a maximum by four.
-    candidates : int
-        Largest number of maxima that are refined.
-    """
-
-    points_per_piece: int = 200
-    rounds: int = 8
-    candidates: int = 60
-
-
-PEAK_SEARCH = PeakSearch()
-
-
 class StateHistory(NamedTuple):
     """States along a motion, and the jumps of the acceleration at its ends and inside of it.
 
@@ -307,6 +285,11 @@ class Peak:
     limit: float = np.nan
 
 
+POINTS_PER_PIECE = 200  # grid points of a piece on which maxima are located
+REFINEMENTS = 8  # each divides the grid step around a maximum by four
+MOST_CANDIDATES = 60  # maxima that are refined
+
+
 def largest_use(
     family: LimitFamily, polynomial: Polynomial, keys: Iterable[str], *, at_rest: bool = False
 ) -> Peak:
@@ -326,7 +309,7 @@ def largest_use(
     if at_rest:
         orders = [orders[0], *(np.zeros_like(c) for c in orders[1:])]
     lengths = np.diff(polynomial.breaks)
-    pieces, points = lengths.size, PEAK_SEARCH.points_per_piece
+    pieces, points = lengths.size, POINTS_PER_PIECE
     fraction = np.linspace(0.0, 1.0, points + 1)
     piece = np.repeat(np.arange(pieces), points + 1)
 
@@ -341,7 +324,7 @@ def largest_use(
     reach = lengths[k] / points
     # Nine points across a bracket have a spacing of a quarter of its half-width.
     offsets = np.linspace(-1.0, 1.0, 9)
-    for _ in range(PEAK_SEARCH.rounds):
+    for _ in range(REFINEMENTS):
         around = np.clip(center[:, None] + reach[:, None] * offsets, 0.0, lengths[k][:, None])
         uses = use_at(np.repeat(k, offsets.size), around.ravel())
         uses = uses.reshape(k.size, offsets.size, -1)
@@ -433,6 +416,6 @@ def _candidates(use: FloatArray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     hope = finite + curvature
     peaks = (finite >= left) & (finite > right) & (hope >= finite.max())
     places = np.argwhere(peaks)
-    order = np.argsort(-hope[tuple(places.T)], kind="stable")[: PEAK_SEARCH.candidates]
+    order = np.argsort(-hope[tuple(places.T)], kind="stable")[:MOST_CANDIDATES]
     k, i, channel = places[order].T
     return k, i, channel

@@ -32,43 +32,12 @@ from microbot_ocp.motion._sampling import JUMP_GAP, dense_times, history_of, jum
 from microbot_ocp.motion._sensitivities import Sensitivities, sensitivities_of
 from microbot_ocp.robot import Robot
 
-
-@dataclass(frozen=True)
-class Sampling:
-    """Settings for the samples of a motion.
-
-    Attributes
-    ----------
-    negligible : float
-        Size of a polynomial's term, relative to the largest acceleration, that is neglected.
-    noise : float
-        Error of a quintic's acceleration by rounding of positions, relative to the largest
-        acceleration, that is tolerated.
-    resolved : float
-        Largest excess of a torque over its values at both neighbouring samples, relative to the
-        largest torque.
-    halvings : int
-        Largest number of halvings of a sample step for ``resolved``.
-    most_samples : int
-        Number of samples above which ``resolved`` is not tested.
-    step : float
-        Longest step between the samples of a new motion, s.
-    """
-
-    negligible: float = 1e-8
-    noise: float = 1e-6
-    resolved: float = 0.02
-    halvings: int = 5
-    most_samples: int = 200_000
-    step: float = 1e-3
+SAMPLE_STEP = 1e-3  # longest step between the samples of a new motion, s
+MOST_HALVINGS = 5  # halvings of a step to resolve the torque
 
 
-SAMPLING = Sampling()
-SAMPLE_STEP = SAMPLING.step
 SCHEMA = 1  # version of the files
 ARRAYS = ("t", "q", "qd", "qdd", "tau", "breaks")
-# Rounding of positions in the acceleration of a quintic, times h^-2.
-ROUNDING = 360 * np.finfo(float).eps
 
 
 @dataclass(frozen=True)
@@ -188,7 +157,7 @@ class Motion(HintingOfArms):
         marks: Sequence[Mark] = (),
         provenance: Mapping[str, Any] | None = None,
         remark: str = "",
-        step: float = SAMPLING.step,
+        step: float = SAMPLE_STEP,
         jumps_at: Sequence[float] = (),
     ) -> Motion:
         """Return samples of a piecewise polynomial (degree up to five) with its inverse dynamics.
@@ -214,7 +183,7 @@ class Motion(HintingOfArms):
 
         # A torque that is not resolved between two samples adds their midpoint.
         least, places = _steps_to_tell(acceleration), breaks
-        for _ in range(SAMPLING.halvings):
+        for _ in range(MOST_HALVINGS):
             t = sample_times(places, breaks[1:-1][jumps], step, least)
             motion = cls.from_state(
                 robot,
@@ -532,6 +501,9 @@ def torque_along(robot: Robot, state: State) -> FloatArray:
     return robot.torques_along(q, state.qd, state.qdd)["tau"]
 
 
+NEGLIGIBLE_TERM = 1e-8  # size of a neglected term of a polynomial, relative to the acceleration
+
+
 def _steps_to_tell(acceleration: PiecewisePolynomial) -> int:
     """Return the number of steps in an interval from whose samples the acceleration follows.
 
@@ -540,8 +512,12 @@ def _steps_to_tell(acceleration: PiecewisePolynomial) -> int:
     terms = np.abs(acceleration.coefficients).max(axis=2)
     terms = terms * np.diff(acceleration.breaks)[:, None] ** np.arange(terms.shape[1])
     return max(
-        1, int(np.flatnonzero((terms > SAMPLING.negligible * terms.max()).any(axis=0))[-1:].sum())
+        1, int(np.flatnonzero((terms > NEGLIGIBLE_TERM * terms.max()).any(axis=0))[-1:].sum())
     )
+
+
+TORQUE_EXCESS = 0.02  # excess over the torques at both neighbouring samples, by the largest torque
+MOST_RESOLVED = 200_000  # samples above which the torque between them is not evaluated
 
 
 def unresolved(
@@ -555,14 +531,14 @@ def unresolved(
     ``tau`` holds the torques at the samples, if known. The result is empty for a robot without
     masses; gaps of jumps are left out.
     """
-    if not robot.has_dynamics or t.size > SAMPLING.most_samples:
+    if not robot.has_dynamics or t.size > MOST_RESOLVED:
         return t[:0]
     middle = 0.5 * (t[1:] + t[:-1])
     tau = torque_along(robot, state_at(t)) if tau is None else tau
     between = torque_along(robot, state_at(middle))
     low, high = np.minimum(tau[:-1], tau[1:]), np.maximum(tau[:-1], tau[1:])
     outside = (np.maximum(between - high, low - between) - (high - low)).max(axis=1)
-    return middle[(outside > SAMPLING.resolved * np.abs(tau).max()) & ~jump_gaps(t)]
+    return middle[(outside > TORQUE_EXCESS * np.abs(tau).max()) & ~jump_gaps(t)]
 
 
 def sample_times(breaks: FloatArray, jumps: FloatArray, step: float, least: int = 1) -> FloatArray:
@@ -610,6 +586,11 @@ def polynomial_of(motion: Motion) -> PiecewisePolynomial:
     return PiecewisePolynomial(motion.t, pieces_of(motion))
 
 
+# Rounding of positions in the acceleration of a quintic, times h^-2.
+ROUNDING = 360 * np.finfo(float).eps
+ROUNDING_ALLOWED = 1e-6  # rounding error of an acceleration, relative to the largest one
+
+
 def pieces_of(motion: Motion, i: np.ndarray | None = None) -> FloatArray:
     """Return coefficients [N-1,6,n] of the polynomials between samples, lowest power first.
 
@@ -621,7 +602,7 @@ def pieces_of(motion: Motion, i: np.ndarray | None = None) -> FloatArray:
     c = quintic_between(start, end, h)
     # In short intervals rounding dominates the difference of positions: velocities and
     # accelerations determine the polynomial, in still shorter ones accelerations alone.
-    least = SAMPLING.noise * np.abs(motion.qdd).max(initial=0.0)
+    least = ROUNDING_ALLOWED * np.abs(motion.qdd).max(initial=0.0)
     short = ROUNDING * np.abs(start.q).max(axis=1, initial=0.0) > h**2 * least
     if short.any():
         step, change = h[short, None], (end.qdd - start.qdd)[short]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,38 +17,8 @@ if TYPE_CHECKING:
 JUMP_GAP = JUMP_TIME  # s between the two samples that represent a jump of the acceleration
 
 
-@dataclass(frozen=True)
-class DenseGrid:
-    """Settings of the grid on which limits are evaluated between samples.
-
-    Attributes
-    ----------
-    step : float
-        Longest step, s.
-    most_steps : int
-        Largest number of steps in 100 s; the steps of a longer motion are longer.
-    jump_ratio : float
-        Largest length of a gap that represents a jump, relative to the interval before it.
-    even : float
-        Relative difference below which two steps count as equal.
-    ratio : int
-        Smallest number of grid points in a mesh interval.
-    least_ratio : int
-        Smallest number of grid points in a mesh interval if the grid exceeds ``many_points``.
-    many_points : int
-        Number of points from which ``least_ratio`` holds.
-    """
-
-    step: float = 0.25e-3
-    most_steps: int = 400_000
-    jump_ratio: float = 0.02
-    even: float = 1e-3
-    ratio: int = 20
-    least_ratio: int = 5
-    many_points: int = 100_000
-
-
-DENSE_GRID = DenseGrid()
+JUMP_SHARE = 0.02  # largest gap of a jump, relative to the interval before it
+EVEN = 1e-3  # relative difference below which two steps are equal
 
 
 def jump_gaps(t: FloatArray, i: NDArray[np.intp] | None = None) -> NDArray[np.bool_]:
@@ -62,8 +31,8 @@ def jump_gaps(t: FloatArray, i: NDArray[np.intp] | None = None) -> NDArray[np.bo
     last = np.minimum(first + 2, t.size - 1)
     gap = t[first + 1] - t[first]
     before = np.where(first > 0, t[first] - t[np.maximum(first - 1, 0)], 0.0)
-    even = np.abs(t[last] - t[first + 1] - gap) <= DENSE_GRID.even * gap
-    return (gap <= np.minimum(2 * JUMP_GAP, DENSE_GRID.jump_ratio * before)) & ~even
+    even = np.abs(t[last] - t[first + 1] - gap) <= EVEN * gap
+    return (gap <= np.minimum(2 * JUMP_GAP, JUMP_SHARE * before)) & ~even
 
 
 def nearest_samples(t: FloatArray, times: FloatArray) -> NDArray[np.intp]:
@@ -104,14 +73,18 @@ def with_parts(t: FloatArray, parts: NDArray[np.int_]) -> FloatArray:
     return np.append(t[i] + k / parts[i] * np.diff(t)[i], t[-1])
 
 
+DENSE_STEP = 0.25e-3  # longest step of the grid on which limits are evaluated, s
+POINTS_PER_INTERVAL = 20  # least number of grid points in a mesh interval
+MANY_POINTS = 100_000  # points of a grid from which a mesh interval has fewer
+LEAST_POINTS = 5  # least number of points in a mesh interval of such a grid
+
+
 def dense_times(motion: Motion) -> tuple[FloatArray, float]:
     """Return the dense grid and the least number of its points in a mesh interval."""
     mesh = mesh_of(motion)
     lengths = np.diff(mesh)
-    step = max(DENSE_GRID.step, checks.longest_step(motion.duration, DENSE_GRID.most_steps))
-    ratio = int(
-        np.clip(DENSE_GRID.many_points // lengths.size, DENSE_GRID.least_ratio, DENSE_GRID.ratio)
-    )
+    step = max(DENSE_STEP, checks.longest_step(motion.duration, round(checks.SLOW / DENSE_STEP)))
+    ratio = int(np.clip(MANY_POINTS // lengths.size, LEAST_POINTS, POINTS_PER_INTERVAL))
     points = np.maximum(ratio, np.ceil(lengths / step - 1e-9)).astype(int)
     # Points just before each break give the limits from the left.
     before = mesh[1:-1] - np.minimum(2 * JUMP_GAP, 1e-3 * lengths[:-1])

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple, TypeVar
 
@@ -36,34 +35,14 @@ Values = Callable[[FloatArray], FloatArray]  # maps times [N] to values [N,m]
 INTEGRATORS = ("dop853", "cvodes", "idas", "collocation", "rk")
 
 
-@dataclass(frozen=True)
-class Integration:
-    """Settings of the integration between samples.
-
-    Attributes
-    ----------
-    degree : degree of the Chebyshev series of an input between breaks
-    fit_error : largest error of the series, relative to the largest value
-    shortest_piece : length below which a piece without break is not divided, s
-    longest_step : longest step relative to a piece, so that no motion after a rest is skipped
-    rounding : relative change below which halving a fixed step changes rounding errors only
-    parts : number of integrator calls under a time limit; finished parts are kept
-    probes : steps of the fixed-step run that locates a failure
-    """
-
-    degree: int = 10
-    fit_error: float = 1e-11
-    shortest_piece: float = 0.5e-3
-    longest_step: float = 0.1
-    rounding: float = 1e-9
-    parts: int = 10
-    probes: int = 2000
+DEGREE = 10  # degree of the Chebyshev series of an input between breaks
+FIT_ERROR = 1e-11  # largest error of the series, relative to the largest value
+LONGEST_STEP = 0.1  # longest step relative to a piece, so that no motion after a rest is skipped
 
 
-INTEGRATION = Integration()
 # Chebyshev nodes exclude the ends of a piece, because a signal has two values at a break.
-NODES = -np.cos((2 * np.arange(INTEGRATION.degree + 1) + 1) * np.pi / (2 * INTEGRATION.degree + 2))
-FIT = np.linalg.inv(np.polynomial.chebyshev.chebvander(NODES, INTEGRATION.degree))
+NODES = -np.cos((2 * np.arange(DEGREE + 1) + 1) * np.pi / (2 * DEGREE + 2))
+FIT = np.linalg.inv(np.polynomial.chebyshev.chebvander(NODES, DEGREE))
 STEPS = 64  # steps in one compiled call; the time limit is checked between calls
 
 # Reasons by a part of the integrators' return codes; the first part that matches counts.
@@ -190,6 +169,9 @@ class IntegrationRun(NamedTuple):
     trace: tuple[FloatArray, FloatArray] | None = None
 
 
+SHORTEST_PIECE = 0.5e-3  # length below which a piece without break is not divided, s
+
+
 def fitted(values: Values, breaks: FloatArray, tolerance: ArrayLike) -> Signal:
     """Fit values by a Chebyshev series on every piece of the time.
 
@@ -206,8 +188,8 @@ def fitted(values: Values, breaks: FloatArray, tolerance: ArrayLike) -> Signal:
         Largest error of each column.
     """
     tolerance = np.maximum(tolerance, 1e-17)
-    probes = -np.cos((np.arange(INTEGRATION.degree) + 1) * np.pi / (INTEGRATION.degree + 1))
-    probe = np.polynomial.chebyshev.chebvander(probes, INTEGRATION.degree)
+    probes = -np.cos((np.arange(DEGREE) + 1) * np.pi / (DEGREE + 1))
+    probe = np.polynomial.chebyshev.chebvander(probes, DEGREE)
     both = np.concatenate([NODES, probes])
     todo = [(float(breaks[0]), float(breaks[-1]))]
     edges: list[float] = []
@@ -217,14 +199,14 @@ def fitted(values: Values, breaks: FloatArray, tolerance: ArrayLike) -> Signal:
         middle, half = spans.mean(axis=1), 0.5 * np.diff(spans, axis=1)[:, 0]
         t = middle[:, None] + half[:, None] * both
         samples = values(t.ravel()).reshape(*t.shape, -1)
-        series = FIT @ samples[:, : INTEGRATION.degree + 1]
-        error = np.abs(probe @ series - samples[:, INTEGRATION.degree + 1 :]).max(axis=1)
+        series = FIT @ samples[:, : DEGREE + 1]
+        error = np.abs(probe @ series - samples[:, DEGREE + 1 :]).max(axis=1)
         fits = (error <= tolerance).all(axis=1)
         todo = []
         for (start, end), good, polynomial in zip(spans, fits, series, strict=True):
             low = np.searchsorted(breaks, start, side="right")
             inner = breaks[low : np.searchsorted(breaks, end, side="left")]
-            if good or not (inner.size or end - start > INTEGRATION.shortest_piece):
+            if good or not (inner.size or end - start > SHORTEST_PIECE):
                 edges.append(start)
                 coefficients.append(polynomial)
                 continue
@@ -265,7 +247,7 @@ def integrate(
         return _by_plugin(forced, start, grid, settings)
     pieces = forced.inputs(float(grid[0]), float(grid[-1]))
     # The nodes of one step sample a whole series; a formula may vary faster than any step.
-    longest = np.inf if forced.signal.pieces else INTEGRATION.longest_step * (grid[-1] - grid[0])
+    longest = np.inf if forced.signal.pieces else LONGEST_STEP * (grid[-1] - grid[0])
     limits = settings.tolerance, settings.max_steps, longest
     states, message = integrated(forced.steps(), pieces, start, grid, *limits)
     if not message:
@@ -275,6 +257,10 @@ def integrate(
     # A fixed-step run continues beyond the failure, so it shows where the failure is.
     settings = settings._replace(integrator="rk")
     return _by_plugin(forced, start, grid, settings, _failed(message, states))
+
+
+PARTS = 10  # integrator calls under a time limit; finished parts are kept
+PROBING_STEPS = 2000  # steps of the fixed-step run that locates a failure
 
 
 def _by_plugin(
@@ -294,7 +280,7 @@ def _by_plugin(
 
     by_error = settings.integrator in ("cvodes", "idas")
     limited = np.isfinite(deadline.until())
-    parts = np.array_split(np.arange(stops.size), INTEGRATION.parts if limited and by_error else 1)
+    parts = np.array_split(np.arange(stops.size), PARTS if limited and by_error else 1)
 
     def states(steps: int, send: Send = lambda _: None) -> FloatArray:
         name, options = plugin(settings, steps)
@@ -322,7 +308,7 @@ def _by_plugin(
         return run
     # A fixed-step run continues beyond the failure and shows where the states diverge.
     settings = settings._replace(integrator="rk")
-    return run._replace(trace=(grid, states(INTEGRATION.probes)))
+    return run._replace(trace=(grid, states(PROBING_STEPS)))
 
 
 T = TypeVar("T")
@@ -358,6 +344,9 @@ def run_without_states(status: Status, message: str) -> IntegrationRun:
     return IntegrationRun(status, np.zeros((0, 0)), message=message)
 
 
+ROUNDING = 1e-9  # relative change below which halving a fixed step changes rounding errors only
+
+
 def with_halved_steps(
     states: Callable[[int], FloatArray], settings: IntegratorSettings, steps: int
 ) -> IntegrationRun:
@@ -378,7 +367,7 @@ def with_halved_steps(
             x = finer
             if change <= settings.tolerance * size:
                 return IntegrationRun(Status.SOLVED, x, steps)
-            if change < INTEGRATION.rounding * size and change > 0.5 * before:
+            if change < ROUNDING * size and change > 0.5 * before:
                 reason = "rounding errors are larger"
             elif 2 * steps > most:  # results that are not finite go on: a finer step may be
                 reason = f"more than {most} steps needed"
@@ -418,7 +407,7 @@ def plugin(
         "abstol": settings.tolerance,
         "reltol": settings.tolerance,
         "max_num_steps": settings.max_steps,
-        "max_step_size": INTEGRATION.longest_step * span,
+        "max_step_size": LONGEST_STEP * span,
         "disable_internal_warnings": True,
         "print_stats": False,
     }

@@ -23,8 +23,9 @@ from microbot_ocp.motion import (
 )
 from microbot_ocp.robot import Robot
 from microbot_ocp.simulation._integration import (
+    DEGREE,
     FIT,
-    INTEGRATION,
+    FIT_ERROR,
     NODES,
     Pieces,
     Signal,
@@ -38,7 +39,7 @@ Formula = Callable[[Any], Any]  # maps the CasADi time to n expressions
 # Relative fit errors of position, velocity and acceleration: rounding of samples 1 ms apart allows
 # no smaller ones.
 SAMPLED_FIT = np.array([1e-11, 1e-10, 1e-8])
-EXACT_FIT = np.full(3, INTEGRATION.fit_error)  # relative fit errors of polynomials
+EXACT_FIT = np.full(3, FIT_ERROR)  # relative fit errors of polynomials
 
 
 def torque_signal(tau: Motion | ArrayLike | Formula | None, grid: FloatArray, count: int) -> Signal:
@@ -53,7 +54,7 @@ def torque_signal(tau: Motion | ArrayLike | Formula | None, grid: FloatArray, co
         inner = breaks[(breaks > grid[0]) & (breaks < grid[-1])]
         edges = np.concatenate([grid[:1], inner, grid[-1:]])
         torque = interpolated(tau, tau.tau, breaks)
-        return fitted(torque, edges, INTEGRATION.fit_error * np.abs(tau.tau).max())
+        return fitted(torque, edges, FIT_ERROR * np.abs(tau.tau).max())
     given = np.zeros(count) if tau is None else tau
     if callable(given) or np.ndim(np.asarray(given, dtype=object)) == 1:
         return formula_signal(*torque_formula("tau", given, count))
@@ -62,7 +63,7 @@ def torque_signal(tau: Motion | ArrayLike | Formula | None, grid: FloatArray, co
     def values(times: FloatArray) -> FloatArray:
         return np.column_stack([np.interp(times, grid, column) for column in table.T])
 
-    return fitted(values, grid, INTEGRATION.fit_error * np.abs(table).max())
+    return fitted(values, grid, FIT_ERROR * np.abs(table).max())
 
 
 def reference_signal(
@@ -106,7 +107,7 @@ def reference_signal(
 def series_of(motion: PiecewisePolynomial) -> Pieces | None:
     """Return position, velocity and acceleration [3n] as series; None if the degree is too high."""
     powers = motion.coefficients.shape[1]
-    if powers > INTEGRATION.degree + 1:
+    if powers > DEGREE + 1:
         return None
     of_share = FIT @ ((1 + NODES[:, None]) / 2) ** np.arange(powers)  # series of powers
     length = np.diff(motion.breaks)[:, None, None]
