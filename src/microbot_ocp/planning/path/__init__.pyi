@@ -30,7 +30,7 @@ from ._phase_plane import (
     phase_plane as phase_plane,
 )
 from ._reachability import (
-    REACHABILITY as REACHABILITY,
+    SETTLED_CHANGE as SETTLED_CHANGE,
     CurveLimits as CurveLimits,
     Reached as Reached,
     harmonic as harmonic,

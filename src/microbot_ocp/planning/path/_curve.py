@@ -32,23 +32,11 @@ from microbot_ocp.planning.task import check_pace, check_positions, check_rest, 
 IntArray = NDArray[np.intp]
 
 
-@dataclass(frozen=True)
-class CurveSettings:
-    """Settings of curves.
-
-    Attributes
-    ----------
-    vanishing : relative magnitude of a derivative that counts as zero
-    corner : relative jump of the tangent that counts as a corner
-    margin : excluded share of a piece at its bent end, where negative powers of r are infinite
-    """
-
-    vanishing: float = 1e-9
-    corner: float = 1e-6
-    margin: float = 1e-10
+VANISHING_DERIVATIVE = 1e-9  # derivative that counts as zero, per largest along the path
+CORNER_JUMP = 1e-6  # jump of the tangent that counts as a corner, per largest tangent
 
 
-CURVE = CurveSettings()
+END_MARGIN = 1e-10  # share of a bent piece left out at the end where powers of r are infinite
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +90,7 @@ class CurvePiece:
         """First and last r in use."""
         if not self.bent:
             return 0.0, self.span
-        margin = CURVE.margin * self.span
+        margin = END_MARGIN * self.span
         return (0.0, self.span - margin) if self.bent_at_end else (margin, self.span)
 
     def from_the_bent_end(self, r: FloatArray) -> tuple[FloatArray, float]:
@@ -287,12 +275,13 @@ def _bent_pieces(pieces: list[CurvePiece], start: int, end: int) -> list[CurvePi
 
 def vanishing_orders(path: PiecewisePolynomial, s: FloatArray, *, from_left: bool) -> list[int]:
     """Return the number of derivatives that vanish on one side of s [K], up to the degree - 1."""
+    # Places all along the path give the magnitude of a derivative, the last ones are those of s.
     places = np.append(np.linspace(path.breaks[0], path.breaks[-1], 21), s)
     curve, orders, vanish = path, np.zeros(s.size, dtype=int), np.ones(s.size, dtype=bool)
     for _ in range(path.coefficients.shape[1] - 2):
         curve = curve.derivative()
         sizes = np.abs(curve(places, from_left=from_left)).max(axis=1)
-        vanish &= sizes[-s.size :] <= CURVE.vanishing * max(sizes.max(), 1e-300)
+        vanish &= sizes[-s.size :] <= VANISHING_DERIVATIVE * max(sizes.max(), 1e-300)
         orders += vanish
         if not vanish.any():
             break
@@ -472,8 +461,8 @@ def _tangents(
     sides = np.stack([tangents[-1, :-1], tangents[0, 1:]])
     around = np.stack([sizes[:-1], sizes[1:]])
     ratios = np.abs(sides).max(axis=2) / np.maximum(around, 1e-300)
-    sides[ratios <= CURVE.vanishing] = 0.0
-    return sides[0], sides[1], sizes, (ratios > CURVE.corner).all(axis=0)
+    sides[ratios <= VANISHING_DERIVATIVE] = 0.0
+    return sides[0], sides[1], sizes, (ratios > CORNER_JUMP).all(axis=0)
 
 
 def _size(vectors: FloatArray) -> FloatArray:
@@ -487,4 +476,4 @@ def _directions(vectors: FloatArray) -> FloatArray:
 
 def _jump(before: FloatArray, after: FloatArray, size: ArrayLike) -> NDArray[np.bool_]:
     """Return a mask of breaks [K-1] at which a vector [K-1,n] jumps, relative to a magnitude."""
-    return _size(after - before) > CURVE.corner * np.asarray(size)
+    return _size(after - before) > CORNER_JUMP * np.asarray(size)

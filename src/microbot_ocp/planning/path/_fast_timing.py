@@ -21,27 +21,6 @@ from microbot_ocp.planning.task import check_limits, with_locked_joints_held
 from microbot_ocp.robot import Robot
 
 
-@dataclass(frozen=True)
-class SampleSettings:
-    """Settings of the samples of a timing.
-
-    Attributes
-    ----------
-    least : smallest number of samples of an interval with a cubic acceleration
-    bent : smallest number of samples of other intervals, and of those next to stops
-    together : distance below which two samples merge, per duration
-    cubic : fourth difference of an acceleration that counts as cubic, per largest acceleration
-    """
-
-    least: int = 4
-    bent: int = 12
-    together: float = 1e-14
-    cubic: float = 1e-5
-
-
-SAMPLES = SampleSettings()
-
-
 @dataclass(frozen=True, eq=False)
 class PathTiming:
     """Timing of a path on a grid.
@@ -214,6 +193,11 @@ def time_path(
     )
 
 
+CUBIC_STEPS = 3  # smallest number of steps in an interval with a cubic acceleration
+BENT_STEPS = 12  # smallest number of steps in other intervals, and next to stops
+SAME_TIME = 1e-14  # difference of two times that counts as zero, per duration
+
+
 def sampled(
     parts: Sequence[tuple[PathCurve, Reached]], finer: int = 1
 ) -> tuple[FloatArray, State, FloatArray]:
@@ -223,18 +207,20 @@ def sampled(
     """
     times, states, breaks, begin = [], [], [np.zeros(1)], 0.0
     lasts = sum(reached.duration for _, reached in parts)
+    # A long motion has longer steps, so that the number of samples stays bounded.
     step = max(SAMPLE_STEP, checks.longest_step(lasts, checks.MOST_SAMPLES))
     for curve, reached in parts:
         lengths = np.diff(reached.t)
         bent = _bent(curve, reached, lengths)
         # At an end with a vanishing tangent the state is a fractional power of the parameter.
         bent[[0, -1]] = True
-        least = np.where(bent, SAMPLES.bent, SAMPLES.least - 1)
+        least = np.where(bent, BENT_STEPS, CUBIC_STEPS)
         count = finer * np.maximum(least, np.ceil(lengths / step - 1e-9)).astype(int)
         i, k = numbered(count + 1)
         # The last sample of an interval lies just before its end, because s'' may jump there.
         early = np.minimum(JUMP_GAP, 0.01 * lengths / count)[i]
         local = k / count[i] * lengths[i] - np.where(k == count[i], early, 0.0)
+        # Only at the end of the motion no acceleration follows that could jump.
         if len(times) == len(parts) - 1:
             local[-1] = lengths[-1]
         times.append(begin + reached.t[i] + local)
@@ -242,7 +228,7 @@ def sampled(
         breaks.append(begin + reached.t[1:])
         begin += reached.duration
     t = np.concatenate(times)
-    keep = np.append(True, np.diff(t) > SAMPLES.together * t[-1])
+    keep = np.append(True, np.diff(t) > SAME_TIME * t[-1])
     keep[-1] = True
     joined = (np.concatenate(parts)[keep] for parts in zip(*states, strict=True))
     return t[keep], State(*joined), np.concatenate(breaks)
@@ -254,6 +240,9 @@ def _state(curve: PathCurve, reached: Reached, i: np.ndarray, local: FloatArray)
     return State(*samples_along(curve.inside(r, i, reached.s), (v, u))[:3])
 
 
+CUBIC_ROUNDING = 1e-5  # fourth difference that counts as zero, per largest acceleration
+
+
 def _bent(curve: PathCurve, reached: Reached, lengths: FloatArray) -> NDArray[np.bool_]:
     """Return a mask [N] of intervals in which the acceleration differs from a cubic in time."""
     i = np.repeat(np.arange(lengths.size), 5)
@@ -261,4 +250,4 @@ def _bent(curve: PathCurve, reached: Reached, lengths: FloatArray) -> NDArray[np
     qdd = _state(curve, reached, i, local.ravel()).qdd.reshape(lengths.size, 5, -1)
     largest = np.abs(qdd).max(axis=(0, 1))
     # The fourth difference of five samples vanishes for a cubic.
-    return (np.abs(np.diff(qdd, 4, axis=1)[:, 0]) > SAMPLES.cubic * largest).any(axis=1)
+    return (np.abs(np.diff(qdd, 4, axis=1)[:, 0]) > CUBIC_ROUNDING * largest).any(axis=1)

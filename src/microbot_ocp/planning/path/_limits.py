@@ -24,27 +24,6 @@ from microbot_ocp.robot import COULOMB_SMOOTHING, Robot, inverse_dynamics
 FAR = 1e12  # finite stand-in for infinity
 
 
-@dataclass(frozen=True)
-class PathLimitSettings:
-    """Settings of the classification of limits.
-
-    Attributes
-    ----------
-    tried : s'' and s' at which a half plane is tested
-    affine : relative distance from the half plane that counts as rounding
-    speeds : number of speeds of the scan for the first that breaks a limit
-    bisections : number of halvings of the interval found by the scan
-    still : largest x that counts as a stop, per largest x
-    """
-
-    tried: tuple[tuple[float, float], ...] = ((-3.0, 0.7), (2.0, 1.9), (50.0, 4.0))
-    affine: float = 1e-9
-    speeds: int = 50
-    bisections: int = 60
-    still: float = 1e-12
-
-
-PATH_LIMITS = PathLimitSettings()
 LATER = "program on places"  # method for limits that reachability cannot keep
 
 
@@ -180,6 +159,10 @@ def torque_coefficients(robot: Robot, nodes: Nodes, fast: bool) -> tuple[FloatAr
     return per_u, per_x, at_rest + dry_friction(robot) * np.sign(nodes.tangent)
 
 
+TRIED_RATES = ((-3.0, 0.7), (2.0, 1.9), (50.0, 4.0))  # s'' and s' at which a half plane is tested
+AFFINE_ROUNDING = 1e-9  # distance from a half plane that counts as zero, per magnitude
+
+
 def _half_planes(family: LimitFamily, key: str, nodes: Nodes) -> Coefficients | None:
     """Return a limit as half planes, or None if it is not affine in u and x."""
     rest = _along(family, nodes, key, 0.0, 0.0)
@@ -188,15 +171,19 @@ def _half_planes(family: LimitFamily, key: str, nodes: Nodes) -> Coefficients | 
     per_u, per_x = with_u.value - rest.value, with_x.value - rest.value
     size = 1.0 + np.abs(rest.value) + np.abs(per_u) + np.abs(per_x)
     # Three samples determine the plane; further ones test that the limit is affine.
-    for u, v in PATH_LIMITS.tried:
+    for u, v in TRIED_RATES:
         tried = _along(family, nodes, key, u, v)
         line = rest.value + u * per_u + v**2 * per_x
-        if np.any(np.abs(tried.value - line) > PATH_LIMITS.affine * size * (1 + abs(u) + v**2)):
+        if np.any(np.abs(tried.value - line) > AFFINE_ROUNDING * size * (1 + abs(u) + v**2)):
             return None
         for bound, usual in ((tried.lower, rest.lower), (tried.upper, rest.upper)):
             if not np.array_equal(bound, usual):
                 return None
     return Coefficients.within(rest, per_u, per_x, rest.value)
+
+
+SCANNED_SPEEDS = 50  # speeds of the scan for the first that breaks a limit
+BISECTIONS = 60  # halvings of the interval found by the scan
 
 
 def speed_bound(family: LimitFamily, key: str, nodes: Nodes) -> FloatArray:
@@ -209,12 +196,12 @@ def speed_bound(family: LimitFamily, key: str, nodes: Nodes) -> FloatArray:
     count = len(nodes.position)
     low, high = np.zeros(count), np.full(count, np.inf)
     # The scan finds the first speed that breaks the limit, bisection its exact value.
-    for v in np.geomspace(1e-6, np.sqrt(FAR), PATH_LIMITS.speeds):
+    for v in np.geomspace(1e-6, np.sqrt(FAR), SCANNED_SPEEDS):
         good, unknown = within(np.full(count, v)), np.isinf(high)
         low, high = np.where(unknown & good, v, low), np.where(unknown & ~good, v, high)
     free = np.isinf(high)
     high = np.where(free, low, high)
-    for _ in range(PATH_LIMITS.bisections):
+    for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
         good = within(middle)
         low, high = np.where(good, middle, low), np.where(good, high, middle)
@@ -227,6 +214,9 @@ def _velocity_bound(family: LimitFamily, nodes: Nodes) -> FloatArray:
     with np.errstate(divide="ignore", invalid="ignore"):
         limit = np.where(tangent > 0, member.upper, member.lower) / tangent
         return np.minimum(np.where(np.abs(tangent) > 0, np.square(limit), np.inf), FAR)
+
+
+STANDSTILL_RATIO = 1e-12  # x that counts as a stop, per largest x
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,7 +271,7 @@ class LimitRows:
         # The coefficients already contain the full dry friction, which is subtracted here.
         constant = viscous * tangent * v + dry * (share - np.sign(tangent)) - slope * v**2
         # Friction is full right after a stop and zero at the stop: limits hold with both values.
-        still = at_nodes[:, None] <= PATH_LIMITS.still * float(x.max())
+        still = at_nodes[:, None] <= STANDSTILL_RATIO * float(x.max())
         least, most = np.minimum(constant, 0.0), np.maximum(constant, 0.0)
         per_x, lower, upper = self.per_x.copy(), self.lower.copy(), self.upper.copy()
         per_x[:, columns] += np.where(still, 0.0, slope)

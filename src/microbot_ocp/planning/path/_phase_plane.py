@@ -31,23 +31,6 @@ from microbot_ocp.planning.task import VISCOUS, check_limits, friction
 from microbot_ocp.robot import Robot
 
 
-@dataclass(frozen=True)
-class ArcSettings:
-    """Settings of the detection of arcs.
-
-    Attributes
-    ----------
-    active : distance to a limit that counts as on the limit, per range
-    fewest : smallest number of grid intervals of an arc
-    """
-
-    active: float = 0.005
-    fewest: int = 3
-
-
-ARCS = ArcSettings()
-
-
 class PathLimit(NamedTuple):
     """One limit of one joint.
 
@@ -336,16 +319,20 @@ def _fastest_joint(limits: PathLimits, size: int) -> np.ndarray:
     return nearest[:size]
 
 
+ON_LIMIT = 0.005  # distance that counts as on the limit, per range of the limit
+SHORTEST_ARC = 3  # smallest number of grid intervals of an arc
+
+
 def _arcs(s: FloatArray, timing: Reached, rows: LimitRows, along: CurveLimits) -> list[LimitArc]:
     """Return the runs of grid intervals on one limit; short runs join the one before."""
     names, room = _room(timing, rows, along.nodes, along.limits)
     nearest = room.argmin(axis=1)
-    on = np.where(room[np.arange(len(room)), nearest] <= ARCS.active, nearest, -1)
+    on = np.where(room[np.arange(len(room)), nearest] <= ON_LIMIT, nearest, -1)
     runs = [(key, len(list(group))) for key, group in groupby(on.tolist())]
     # A short touch of another limit within an arc would look like two switches.
     merged: list[tuple[int, int]] = []
     for key, length in runs:
-        if merged and (length < ARCS.fewest or merged[-1][0] == key):
+        if merged and (length < SHORTEST_ARC or merged[-1][0] == key):
             merged[-1] = (merged[-1][0], merged[-1][1] + length)
         else:
             merged.append((key, length))

@@ -42,40 +42,9 @@ from microbot_ocp.planning.path._limits import (
 )
 from microbot_ocp.planning.task import DRY, VISCOUS, friction
 
-
-@dataclass(frozen=True)
-class ReachabilitySettings:
-    """Settings of the passes.
-
-    Attributes
-    ----------
-    rounding : relative violation of a limit that counts as rounding
-    friction_passes : largest number of linearisations of friction
-    settled : relative change of a duration that ends the doubling of the grid
-    places : shares of an interval at which limits are checked
-    alike : relative change of an inertia in an interval up to which limits of one end suffice
-    steep : smallest relative magnitude of a divisor
-    flat : relative magnitude of a coefficient that counts as zero
-    starts : number of free initial speeds that are compared
-    starts_over : number of intervals over which free initial speeds are compared
-    tiny : stand-in for a speed of zero in a quotient
-    short : value of k t^2 below which a series replaces sinh and sin
-    """
-
-    rounding: float = 1e-9
-    friction_passes: int = 6
-    settled: float = 1e-4
-    places: tuple[float, ...] = (1e-6, 0.25, 0.5, 0.75, 1.0 - 1e-6)
-    alike: float = 0.1
-    steep: float = 1e-8
-    flat: float = 1e-12
-    starts: int = 1001
-    starts_over: int = 8
-    tiny: float = 1e-30
-    short: float = 1e-4
-
-
-REACHABILITY = ReachabilitySettings()
+LIMIT_ROUNDING = 1e-9  # relative violation of a limit that counts as rounding
+SETTLED_CHANGE = 1e-4  # relative change of a duration that ends the doubling of the grid
+SERIES_BELOW = 1e-4  # value of k t^2 below which a series replaces sinh and sin
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +145,11 @@ def _sinh_over(z: FloatArray) -> FloatArray:
     r = np.sqrt(np.abs(z))
     with np.errstate(divide="ignore", invalid="ignore"):
         far = np.where(z > 0, np.sinh(r), np.sin(r)) / r
-    return np.where(r**2 < REACHABILITY.short, 1.0 + z / 6.0 * (1.0 + z / 20.0), far)
+    return np.where(r**2 < SERIES_BELOW, 1.0 + z / 6.0 * (1.0 + z / 20.0), far)
+
+
+# Places of an interval at which limits are checked, shares.
+CHECKED_SHARES = (1e-6, 0.25, 0.5, 0.75, 1.0 - 1e-6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,13 +195,16 @@ class CurveLimits:
         """Return the largest relative excess [N] over these limits inside every interval."""
         family, worst = self.limits.family, np.full(self.s.size - 1, -1.0)
         i = np.arange(worst.size)
-        for share in REACHABILITY.places:
+        for share in CHECKED_SHARES:
             r, v, u = timing.inside(i, np.full(i.size, share))
             samples = samples_along(self.curve.evaluate(r), (v, u))
             keys = [*self.limits.half_planes, *self.limits.speed]
             for key, values in family.values(samples, keys).items():
                 worst = np.maximum(worst, family[key].use(values).max(axis=1) - 1.0)
         return worst
+
+
+FRICTION_PASSES = 6  # largest number of linearisations of friction
 
 
 def reach(
@@ -253,7 +229,7 @@ def reach(
     speed_limit = np.minimum(along.speed_limit, fastest**2)
     timing = _passes(along, along.rows, speed_limit, free, ends)
     x, before = timing.speed_squared, timing.duration
-    for _ in range(REACHABILITY.friction_passes if along.has_friction and timing.feasible else 0):
+    for _ in range(FRICTION_PASSES if along.has_friction and timing.feasible else 0):
         if deadline.over():
             break
         bent = along.rows.with_friction(along.nodes, along.limits.family.robot, x)
@@ -261,7 +237,7 @@ def reach(
         if not timing.feasible:  # at this speed friction alone exceeds the limits
             x = 0.25 * x
             continue
-        if abs(timing.duration - before) < 0.01 * REACHABILITY.settled * timing.duration:
+        if abs(timing.duration - before) < 0.01 * SETTLED_CHANGE * timing.duration:
             break
         x, before = timing.speed_squared, timing.duration
     return timing
@@ -278,6 +254,11 @@ def path_grid(path: PathCurve, count: int) -> FloatArray:
     n = shares[i]
     grid = path.breaks[i] + lengths[i] * (0.1 * k / n + 0.45 * (1.0 - np.cos(np.pi * k / n)))
     return np.append(grid, path.breaks[-1])
+
+
+FREE_SPEEDS = 1001  # number of free initial speeds that are compared
+COMPARED_INTERVALS = 8  # number of intervals over which free initial speeds are compared
+LEAST_SPEED = 1e-30  # stand-in for a speed of zero in a quotient
 
 
 def _passes(
@@ -322,14 +303,12 @@ def _passes(
     intervals = left, right, steps, np.column_stack([low[1:], high[1:]])
     first = max(high[0], 0.0)
     if free[0]:  # a large x_0 may forbid larger ones soon after, a small one loses time at once
-        tried = [np.linspace(low[0], high[0], REACHABILITY.starts)]
+        tried = [np.linspace(low[0], high[0], FREE_SPEEDS)]
         onward = deferred_call(_onward(size), compiled=fast)
-        for interval in zip(
-            *(table[: REACHABILITY.starts_over] for table in intervals), strict=True
-        ):
+        for interval in zip(*(table[:COMPARED_INTERVALS] for table in intervals), strict=True):
             tried.append(onward(tried[-1][:, None], *interval)[:, 0])
         v = np.sqrt(tried)
-        spent = step[: len(v) - 1, None] / np.maximum(v[1:] + v[:-1], REACHABILITY.tiny)
+        spent = step[: len(v) - 1, None] / np.maximum(v[1:] + v[:-1], LEAST_SPEED)
         first = tried[0][np.argmin(spent.sum(axis=0))]
     after, u = deferred_call(_forward(size), kept=True, compiled=fast)([first], *intervals)
     x, (start, finish) = np.append(first, after[:, 0]), u.T
@@ -354,7 +333,10 @@ def _durations(x: FloatArray, step: FloatArray, start: FloatArray, end: FloatArr
         circular = np.arctan2(start * w * v1 * -1.0 + end * w * v0, start * end + w * v0 * w * v1)
         exact = np.where(k > 0, hyperbolic, np.abs(circular)) / w
         series = usual * (1.0 + k * usual**2 / 12.0)
-        return np.where(np.abs(k) * usual**2 < REACHABILITY.short, series, exact)
+        return np.where(np.abs(k) * usual**2 < SERIES_BELOW, series, exact)
+
+
+LEAST_DIVISOR = 1e-8  # smallest magnitude of a divisor, relative to its terms
 
 
 class _Lines(NamedTuple):
@@ -379,7 +361,7 @@ class _Lines(NamedTuple):
         """Return bounds of x given ``w = x + way u``, from these bounds of u."""
         ratio = 1.0 + way * self.slope
         # A slope near -1 / way makes x unbounded; the guard keeps the quotient finite.
-        tiny = REACHABILITY.steep * (1.0 + ca.fabs(way * self.slope))
+        tiny = LEAST_DIVISOR * (1.0 + ca.fabs(way * self.slope))
         ratio = 1.0 / ca.if_else(ca.fabs(ratio) <= tiny, tiny, ratio)
         one, other = -way * ratio * self.top, -way * ratio * self.bottom
         return _Lines(ratio, ca.fmax(one, other), ca.fmin(one, other))
@@ -404,7 +386,7 @@ class _Lines(NamedTuple):
             below, fall = _lowest(x, -self.slope, -self.bottom)
             # At x the range of u has the length room + opening * x, on the two active lines.
             room, opening = above + below, rise + fall
-            slack = REACHABILITY.rounding * (1.0 + ca.fabs(above) + ca.fabs(below))
+            slack = LIMIT_ROUNDING * (1.0 + ca.fabs(above) + ca.fabs(below))
             missing = -room - opening * x
             nearer = ca.if_else(missing > slack, side * FAR, x)  # infeasible: no x leaves a u
             nearer = ca.if_else(side * opening > 0.0, -room / opening, nearer)
@@ -426,6 +408,11 @@ def _function(name: str, given: list[ca.SX], results: list[ca.SX]) -> ca.Functio
     return ca.Function(f"reach_{name}_{given[1].numel() // 3}", given, ca.cse(results))
 
 
+# Relative change of an inertia in an interval up to which limits of one end suffice.
+SAME_INERTIA = 0.1
+NO_INERTIA = 1e-12  # coefficient of s'' that counts as zero, relative to that of s'^2
+
+
 @lru_cache(maxsize=32)
 def _at_ends(width: int) -> ca.Function:
     """Return the function of bounds of u at both ends of an interval, and of ranges of x.
@@ -438,13 +425,13 @@ def _at_ends(width: int) -> ca.Function:
     ends, step = [ca.SX.sym(name, 4 * width) for name in ("left", "right")], ca.SX.sym("step")
     rows = [[end[k * width : (k + 1) * width] for k in range(4)] for end in ends]
     sizes = [ca.fabs(row[0]) for row in rows]
-    unlike = ca.fabs(rows[1][0] - rows[0][0]) > REACHABILITY.alike * ca.fmax(*sizes)
+    unlike = ca.fabs(rows[1][0] - rows[0][0]) > SAME_INERTIA * ca.fmax(*sizes)
     counts = ca.vertcat(ca.SX.ones(width), unlike)
     lines, ranges = [], []
     for pair in (rows, rows[::-1]):
         m, c, *bounds = (ca.vertcat(*both) for both in zip(*pair, strict=True))
         # m and c are the coefficients of u and x. A row without u bounds x alone.
-        flat = ca.fabs(m) <= REACHABILITY.flat * (ca.fabs(m) + step * ca.fabs(c))
+        flat = ca.fabs(m) <= NO_INERTIA * (ca.fabs(m) + step * ca.fabs(c))
         alone = ca.logic_and(ca.logic_and(counts, flat), c != 0.0)
         matters = ca.logic_and(counts, ca.logic_not(flat))
         one, other = (b / ca.if_else(matters, m, ca.if_else(alone, c, 1.0)) for b in bounds)
@@ -484,7 +471,7 @@ def _backward(size: int) -> ca.Function:
     x = _Lines.of(left).moved(step).between(w[0], w[1], x[0], x[1])
     empty = ca.SX(0)
     for low, high in (y, w, x):
-        crossed = high < low - REACHABILITY.rounding * (1.0 + ca.fabs(low))
+        crossed = high < low - LIMIT_ROUNDING * (1.0 + ca.fabs(low))
         empty = ca.logic_or(empty, crossed)
     # Crossed ends mark an empty set, which the next step keeps empty.
     result = ca.if_else(empty, ca.vertcat(1.0, -1.0), ca.vertcat(*x))
@@ -517,7 +504,7 @@ def _forward(size: int) -> ca.Function:
     x, left, right, step, _ = given
     ranges = []
     for lines, at in ((_Lines.of(left), x), (_Lines.of(right), y)):
-        slack = REACHABILITY.rounding * (1.0 + ca.fabs(lines.slope * at))
+        slack = LIMIT_ROUNDING * (1.0 + ca.fabs(lines.slope * at))
         wider = _Lines(lines.slope, lines.top + slack, lines.bottom - slack)
         ranges.append(wider.between(at, at, -FAR, FAR))
     (low, high), (end_low, end_high) = ranges

@@ -27,7 +27,7 @@ from microbot_ocp.motion import SAMPLE_STEP, Mark, Motion, PiecewisePolynomial, 
 from microbot_ocp.ocp.solution import StepProgress, quiet
 from microbot_ocp.planning.path import (
     LATER,
-    REACHABILITY,
+    SETTLED_CHANGE,
     CurveLimits,
     PathCurve,
     Reached,
@@ -51,7 +51,7 @@ from microbot_ocp.planning.task import (
     with_drives_noted,
     with_locked_joints_held,
 )
-from microbot_ocp.planning.timing._places_program import PROGRAM
+from microbot_ocp.planning.timing._places_program import SMOOTHING_WEIGHT
 from microbot_ocp.planning.timing._places_timing import (
     SpeedProfile,
     excess_of,
@@ -75,33 +75,6 @@ UNSOLVED = (
 )
 
 
-@dataclass(frozen=True)
-class GridSettings:
-    """Settings of the grids of a path's timing.
-
-    Attributes
-    ----------
-    most_grids : largest number of grids of a segment
-    most_points : number of points above which a grid is not refined
-    most_settling : number of points above which the duration alone does not refine a grid
-    shortest : shortest interval that is halved, s
-    shortest_ratio : shortest interval that is halved, share of the duration
-    mesh : largest initial number of intervals per piece for the program on places
-    mesh_sum : initial number of intervals of all pieces together
-    least_mesh : smallest initial number of intervals per piece
-    """
-
-    most_grids: int = 9
-    most_points: int = 40_000
-    most_settling: int = 8000
-    shortest: float = 2e-5
-    shortest_ratio: float = 1e-4
-    mesh: int = 100
-    mesh_sum: int = 200
-    least_mesh: int = 20
-
-
-GRID = GridSettings()
 # Words for the method of a motion in its provenance.
 PASSES, WALK = "reachability", "harmonic in its parameter"
 PLACES_METHOD = "one program on its places"
@@ -212,6 +185,16 @@ def best_timing(
     return with_drives_noted(family.robot, motion)
 
 
+MOST_GRIDS = 9  # largest number of grids of a segment
+MOST_POINTS = 40_000  # points above which a grid is not refined
+MOST_SETTLING_POINTS = 8000  # points above which the duration alone does not refine a grid
+SHORTEST_INTERVAL = 2e-5  # length of the shortest interval that is halved, s
+SHORTEST_SHARE = 1e-4  # length of the shortest interval that is halved, per duration
+LARGEST_MESH = 100  # largest initial number of intervals per piece for the program on places
+MESH_OF_ALL = 200  # initial number of intervals of all pieces together
+LEAST_MESH = 20  # smallest initial number of intervals per piece
+
+
 @dataclass
 class _PathSearch:
     """Search for a timing: reachability on every smooth segment, and the program on places.
@@ -232,6 +215,7 @@ class _PathSearch:
         self.passed = segments(self.path, self.stops)  # segments of the reachability passes
         self.curves = self.passed
         if self.family.jerk_matters:
+            # Limited rates need s'' = 0 at rest: the arm leaves like r^3, p = 3 in equation (4).
             self.curves = segments(self.path, self.stops, 3)
 
     def run(self) -> Motion:
@@ -264,6 +248,7 @@ class _PathSearch:
             complete = not self.limits_kept_by[LATER] and excess <= self.settings.limit_tolerance
             if complete or deadline.over():
                 return self._passes_motion(timings, excess)
+        # A feasible timing of the passes is an answer: at the time limit the program is given up.
         try:
             with deadline.given_up(not self.blocked_at):
                 profiles = self._on_places(self._starts(timings))
@@ -284,19 +269,19 @@ class _PathSearch:
         rates the timing is a start only, and one grid suffices.
         """
         s, duration = path_grid(curve, self.settings.grid), np.inf
-        for left in range(0 if self.family.jerk_matters else GRID.most_grids - 1, -1, -1):
+        for left in range(0 if self.family.jerk_matters else MOST_GRIDS - 1, -1, -1):
             along = CurveLimits.of(self.family, curve, s, self.fast)
             timing = reach(along)
             if not timing.feasible:
                 return timing, along, np.inf
             excess = along.excess(timing)
-            apart = abs(timing.duration - duration) > REACHABILITY.settled * timing.duration
+            apart = abs(timing.duration - duration) > SETTLED_CHANGE * timing.duration
             # Intervals with an excess are halved, and all of them while the duration changes. A
             # very short interval cannot matter.
             cut = excess > self.settings.limit_tolerance
-            cut |= apart and s.size <= GRID.most_settling
-            cut &= np.diff(timing.t) > min(GRID.shortest, GRID.shortest_ratio * timing.duration)
-            if not cut.any() or not left or s.size > GRID.most_points or deadline.over():
+            cut |= apart and s.size <= MOST_SETTLING_POINTS
+            cut &= np.diff(timing.t) > min(SHORTEST_INTERVAL, SHORTEST_SHARE * timing.duration)
+            if not cut.any() or not left or s.size > MOST_POINTS or deadline.over():
                 break
             duration = timing.duration
             s = np.sort(np.concatenate([s, (0.5 * (s[1:] + s[:-1]))[cut]]))
@@ -306,6 +291,7 @@ class _PathSearch:
         """Return a feasible timing unchanged, or a slow one at the pace of its slowest joint."""
         if timing.feasible:
             return timing
+        # Poses between the ends show joints that go and return.
         shares = np.linspace(curve.breaks[0], curve.breaks[-1], 2 * len(curve.pieces) + 1)
         lasts = float(TaskScale.of(self.family, curve.evaluate(shares)[0]).durations.sum())
         return harmonic(timing.s, lasts)
@@ -318,7 +304,7 @@ class _PathSearch:
         """
         starts = []
         pieces = sum(len(curve.pieces) for curve in self.curves)
-        count = max(min(GRID.mesh, GRID.mesh_sum // pieces), GRID.least_mesh)
+        count = max(min(LARGEST_MESH, MESH_OF_ALL // pieces), LEAST_MESH)
         for passed, curve, timing in zip(self.passed, self.curves, timings, strict=True):
             rise, gentle = 0.0, timing
             if not self.blocked_at:
@@ -377,7 +363,7 @@ class _PathSearch:
             excess=excess,
             solver=attempts[-1].solver,
             gap=sum(profile.gap for profile in profiles),  # bound on the distance to the optimum, s
-            smoothing=PROGRAM.smoothing,
+            smoothing=SMOOTHING_WEIGHT,
             solves=[attempt.as_dict() for attempt in attempts],
         )
 
@@ -389,6 +375,7 @@ class _PathSearch:
         for begin, profile in zip(begins, profiles, strict=False):
             breaks.append(begin + profile.t[1:])
             if not self.family.jerk_matters:
+                # A jump of s'' needs a sample on both sides.
                 jumps.append(begin + profile.t[1:-1][profile.a_end[:-1] != profile.a[1:]])
         edges = np.concatenate(breaks)
         t = sample_times(edges, np.concatenate(jumps), SAMPLE_STEP, least=5)
@@ -416,6 +403,7 @@ class _PathSearch:
         durations = [part.duration for part in parts]
         passed = [0.0]
         for begin, curve, part in zip(np.cumsum([0.0, *durations]), curves, parts, strict=False):
+            # The end of a halved piece is no break of the path, so it is no via point.
             ends = begin + np.interp(curve.breaks[1:], part.s, part.t)
             passed += [at for at, k in zip(ends, curve.pieces, strict=True) if not k.halved]
         return Motion.from_state(

@@ -23,26 +23,8 @@ from microbot_ocp._base.codegen import compile_functions
 from microbot_ocp.limits import LimitFamily, Member
 from microbot_ocp.ocp.solvers import as_ipopt_knows
 
-
-@dataclass(frozen=True)
-class ProgramSettings:
-    """Settings of the program.
-
-    Attributes
-    ----------
-    smoothing : weight of the squared s''', which selects one of many equally fast timings
-    tolerance : tolerance of IPOPT
-    most_iterations : iteration limit of IPOPT
-    speed_places : shares of an interval at which s' is bounded
-    """
-
-    smoothing: float = 1e-8
-    tolerance: float = 1e-7
-    most_iterations: int = 120
-    speed_places: tuple[float, float] = (1 / 3, 2 / 3)
-
-
-PROGRAM = ProgramSettings()
+SMOOTHING_WEIGHT = 1e-8  # weight of the squared s''', selects one of many equally fast timings
+SPEED_PLACES = (1 / 3, 2 / 3)  # places of an interval at which s' is bounded, shares
 TORQUE_PARTS = 6  # coefficients m, c, g of equation (6), and their slopes m', c', g' along s
 
 
@@ -231,14 +213,11 @@ def _kernels_of(symbol: Any, kinds: LimitKinds, fast: bool) -> tuple[_Kernel, _K
         _limit_rows(kinds, one, middle, common, (v_middle, a_middle, 0.0)),
         # The speed at the thirds: at the middle alone, s'' would keep a constant error on an arc at
         # the velocity limit.
-        *(
-            v + h * x * (a + h * x * (0.5 * (j - 0.5 * d) + x * d / 6.0))
-            for x in PROGRAM.speed_places
-        ),
+        *(v + h * x * (a + h * x * (0.5 * (j - 0.5 * d) + x * d / 6.0)) for x in SPEED_PLACES),
     )
     # Integral of the squared s''' over the interval: h (j^2 + d^2 / 12).
     rough = h * (j**2 + d**2 / 12.0)
-    cost = h + PROGRAM.smoothing * rough
+    cost = h + SMOOTHING_WEIGHT * rough
     return point, _Kernel.of(w, numbers, common, values, cost, fast)
 
 
@@ -313,6 +292,10 @@ def _given_torques(n: int) -> ca.Function:
     )
 
 
+IPOPT_TOLERANCE = 1e-7  # tolerance of a solve
+MOST_ITERATIONS = 120  # iteration limit of a solve
+
+
 @dataclass(frozen=True, eq=False)
 class PlacesProgram:
     """All rows and their derivatives on some intervals; coefficients at places are parameters."""
@@ -358,8 +341,8 @@ class PlacesProgram:
         options: dict[str, Any] = {
             "print_level": 0,
             "sb": "yes",
-            "tol": PROGRAM.tolerance,
-            "max_iter": PROGRAM.most_iterations,
+            "tol": IPOPT_TOLERANCE,
+            "max_iter": MOST_ITERATIONS,
             "mumps_permuting_scaling": 0,
             "mumps_pivot_order": 0,
             "acceptable_iter": 0,

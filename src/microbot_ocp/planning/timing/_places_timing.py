@@ -41,57 +41,15 @@ from microbot_ocp.planning.task import (
     frictionless,
 )
 from microbot_ocp.planning.timing._places_program import (
-    PROGRAM,
+    SPEED_PLACES,
     LimitBounds,
     LimitKinds,
     program_of,
 )
 from microbot_ocp.robot import COULOMB_SMOOTHING, Robot, torque_and_rate
 
-
-@dataclass(frozen=True)
-class PlacesSettings:
-    """Settings of the timing on places.
-
-    Attributes
-    ----------
-    first_barrier : barrier parameter of the first solve
-    finer_barrier : barrier parameter of a solve from a coarser mesh
-    gentle_barrier : barrier parameter of a solve from smoother dry friction
-    linear_solvers : linear solvers, tried in turn
-    most_meshes : largest number of solves on finer meshes
-    settled : relative change of the duration between meshes that ends the refinement
-    most_parts : largest number of parts of an interval on the next mesh
-    aimed : target excess of the next mesh, per accepted excess
-    sudden : ratio of a part's excess to its parent's from which the part is divided fully
-    most_loss : share of the estimated loss at jumps of s''' that the next mesh resolves
-    missed_reversal : relative excess above which a profile has missed a friction reversal
-    usual : percentile of the accelerations that represents those at reversals
-    sharper : factor between successive smoothings of dry friction
-    least_sharper : smallest factor between successive smoothings
-    turned : velocity from which friction is constant, per smoothing
-    step : largest change of velocity in an interval of a reversal, per smoothing
-    """
-
-    first_barrier: float = 1e-3
-    finer_barrier: float = 1e-7
-    gentle_barrier: float = 1e-3
-    linear_solvers: tuple[str, str] = ("ldl", "mumps")
-    most_meshes: int = 10
-    settled: float = 5e-5
-    most_parts: int = 8
-    aimed: float = 0.5
-    sudden: float = 0.5
-    most_loss: float = 0.8
-    missed_reversal: float = 0.1
-    usual: float = 90.0
-    sharper: float = 2.0
-    least_sharper: float = 1.08
-    turned: float = 2.0
-    step: float = 0.7
-
-
-PLACES = PlacesSettings()
+FIRST_BARRIER = 1e-3  # barrier parameter of the first solve, and after a change of friction
+MOST_PARTS = 8  # largest number of parts of an interval on the next mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,6 +140,12 @@ class SpeedProfile:
         return replace(self, s=s, v=ratio * v, a=ratio * a, a_end=ratio * b, d=ratio * d)
 
 
+FINER_BARRIER = 1e-7  # barrier parameter of a solve from a coarser mesh
+MOST_MESHES = 10  # largest number of solves on finer meshes
+SETTLED_MESH = 5e-5  # relative change of the duration between meshes that ends the refinement
+MISSED_REVERSAL = 0.1  # relative excess of a profile that has missed a friction reversal
+
+
 def timed_on_places(
     family: LimitFamily, start: SpeedProfile, tolerance: float, fast: bool, progress: StepProgress
 ) -> SpeedProfile:
@@ -199,16 +163,16 @@ def timed_on_places(
         Compile functions.
     progress : callable
     """
-    profile = _Timing(family, start, fast).solved(PLACES.first_barrier)
+    profile = _Timing(family, start, fast).solved(FIRST_BARRIER)
     excess = excess_of(family, profile)
     smoothing = _first_smoothing(family, start)
-    overshoots = not profile.solved or float(excess.max()) > PLACES.missed_reversal
+    overshoots = not profile.solved or float(excess.max()) > MISSED_REVERSAL
     has_friction = smoothing > COULOMB_SMOOTHING and overshoots
     if has_friction and not deadline.over():
         profile = _with_friction(family, start, fast, smoothing)
         excess = excess_of(family, profile)
     before, parents = np.inf, np.full(len(excess), np.inf)
-    for _ in range(PLACES.most_meshes):
+    for _ in range(MOST_MESHES):
         if not profile.solved or deadline.over():
             break
         worst = float(excess.max())
@@ -218,7 +182,7 @@ def timed_on_places(
         )
         change = abs(profile.duration - before)
         within = worst <= tolerance
-        settled = has_friction or change <= PLACES.settled * profile.duration
+        settled = has_friction or change <= SETTLED_MESH * profile.duration
         if within and settled:
             break
         worst_in = excess.max(axis=1) / tolerance
@@ -227,7 +191,7 @@ def timed_on_places(
             parts = np.maximum(parts, 1 + _switching(profile))
         parents = np.repeat(worst_in, parts)
         finer = profile.at_times(with_parts(profile.t, parts))
-        finer = _Timing(family, finer, fast).solved(PLACES.finer_barrier, bent=True)
+        finer = _Timing(family, finer, fast).solved(FINER_BARRIER, bent=True)
         # A profile within the limits is kept if the finer mesh fails.
         if within and not finer.solved:
             break
@@ -235,6 +199,9 @@ def timed_on_places(
         profile = finer if finer.solved else replace(profile, attempts=finer.attempts)
         excess = excess_of(family, profile)
     return profile
+
+
+RESOLVED_LOSS = 0.8  # share of the estimated loss at jumps of s''' that the next mesh resolves
 
 
 def _switching(profile: SpeedProfile) -> np.ndarray:
@@ -248,10 +215,14 @@ def _switching(profile: SpeedProfile) -> np.ndarray:
     # A jump lies between two intervals, so both get its loss.
     loss = (np.maximum(np.append(jumps, 0.0), np.append(0.0, jumps)) + np.abs(profile.d)) * h**2
     order = np.argsort(-loss)
-    count = np.searchsorted(np.cumsum(loss[order]), PLACES.most_loss * loss.sum()) + 1
+    count = np.searchsorted(np.cumsum(loss[order]), RESOLVED_LOSS * loss.sum()) + 1
     chosen = np.zeros(h.size, dtype=bool)
     chosen[order[:count]] = True
     return chosen
+
+
+AIMED_EXCESS = 0.5  # target excess of the next mesh, per accepted excess
+SUDDEN_RATIO = 0.5  # excess of a part per parent's from which the part is divided fully
 
 
 def _parts_for(excess: FloatArray, parents: FloatArray) -> np.ndarray:
@@ -262,18 +233,22 @@ def _parts_for(excess: FloatArray, parents: FloatArray) -> np.ndarray:
     part is divided as finely as allowed.
     """
     parts = np.where(
-        (excess > 1.0) & (excess > PLACES.sudden * parents),
-        PLACES.most_parts,
-        np.cbrt(np.maximum(excess, 0.0) / PLACES.aimed),
+        (excess > 1.0) & (excess > SUDDEN_RATIO * parents),
+        MOST_PARTS,
+        np.cbrt(np.maximum(excess, 0.0) / AIMED_EXCESS),
     )
-    return np.clip(np.ceil(parts), 1, PLACES.most_parts).astype(int)
+    return np.clip(np.ceil(parts), 1, MOST_PARTS).astype(int)
+
+
+SMOOTHING_FACTOR = 2.0  # factor between successive smoothings of dry friction
+LEAST_SMOOTHING_FACTOR = 1.08  # smallest factor between successive smoothings
 
 
 def _with_friction(
     family: LimitFamily, start: SpeedProfile, fast: bool, smoothing: float
 ) -> SpeedProfile:
     """Find a profile for the robot's dry friction by continuation from smoother friction."""
-    profile, barrier, last, sharper = start, PLACES.first_barrier, np.inf, PLACES.sharper
+    profile, barrier, last, sharper = start, FIRST_BARRIER, np.inf, SMOOTHING_FACTOR
     # A smoothing beyond the largest joint speed would remove friction altogether.
     widest = float(np.abs(start.curve.evaluate(start.s)[1] * start.v[:, None]).max())
     while True:
@@ -281,14 +256,17 @@ def _with_friction(
         closer = _Timing(family, closer, fast, smoothing).solved(barrier)
         profile = closer if closer.solved else replace(profile, attempts=closer.attempts)
         if closer.solved:
-            last, barrier = smoothing, PLACES.gentle_barrier
+            last, barrier = smoothing, FIRST_BARRIER
         elif np.isfinite(last):
             sharper = np.sqrt(sharper)  # a smaller step of the continuation
-        ended = last == COULOMB_SMOOTHING or smoothing > widest or sharper < PLACES.least_sharper
+        ended = last == COULOMB_SMOOTHING or smoothing > widest or sharper < LEAST_SMOOTHING_FACTOR
         if ended or deadline.over():
             return profile
         wider = smoothing * sharper if np.isinf(last) else last / sharper
         smoothing = max(wider, COULOMB_SMOOTHING)
+
+
+USUAL_PERCENTILE = 90.0  # percentile of the accelerations that represents all but single peaks
 
 
 def _first_smoothing(family: LimitFamily, start: SpeedProfile) -> float:
@@ -304,8 +282,12 @@ def _first_smoothing(family: LimitFamily, start: SpeedProfile) -> float:
         return COULOMB_SMOOTHING
     shape = start.curve.evaluate(start.s[:-1])
     qdd = np.abs(samples_along(shape, (start.v[:-1], start.a)).qdd)
-    turned = dry[rated] * np.percentile(qdd[:, rated], PLACES.usual, axis=0) / limit[rated]
+    turned = dry[rated] * np.percentile(qdd[:, rated], USUAL_PERCENTILE, axis=0) / limit[rated]
     return max(float(turned.max()), COULOMB_SMOOTHING)
+
+
+TURNED_VELOCITY = 2.0  # velocity from which friction is constant, per smoothing
+REVERSAL_STEP = 0.7  # change of velocity in an interval of a reversal, per smoothing
 
 
 def _closer_at_reversals(
@@ -317,10 +299,10 @@ def _closer_at_reversals(
         return profile
     velocity = (profile.curve.evaluate(profile.s)[1] * profile.v[:, None])[:, dry]
     before, after = velocity[:-1], velocity[1:]
-    slow = np.minimum(np.abs(before), np.abs(after)) < PLACES.turned * smoothing
+    slow = np.minimum(np.abs(before), np.abs(after)) < TURNED_VELOCITY * smoothing
     slow |= before * after < 0
     change = np.where(slow, np.abs(after - before), 0.0).max(axis=1)
-    parts = np.clip(np.ceil(change / (PLACES.step * smoothing)), 1, PLACES.most_parts)
+    parts = np.clip(np.ceil(change / (REVERSAL_STEP * smoothing)), 1, MOST_PARTS)
     return profile.at_times(with_parts(profile.t, parts.astype(int)))
 
 
@@ -331,6 +313,9 @@ def excess_of(family: LimitFamily, profile: SpeedProfile) -> FloatArray:
     i = np.repeat(np.arange(steps.size), shares.size)
     samples = profile.samples(i, (steps[:, None] * shares).ravel())
     return family.excess(samples).reshape(-1, shares.size)
+
+
+LINEAR_SOLVERS = ("ldl", "mumps")  # linear solvers of IPOPT, tried in turn
 
 
 class _Timing:
@@ -351,7 +336,8 @@ class _Timing:
         self.free = curve.start_free, curve.end_free
         # A percentile of s'' sets the unit of time: single peaks would make it too short.
         speed = max(float(start.v.max()), 1e-12)
-        self.time = speed / max(float(np.percentile(np.abs(start.a), 90)), 1e-6 * speed)
+        usual = float(np.percentile(np.abs(start.a), USUAL_PERCENTILE))
+        self.time = speed / max(usual, 1e-6 * speed)
         self.unit = speed * self.time
         self.kinds = LimitKinds.of(family)
         n, robot = start.a.size, family.robot
@@ -361,7 +347,7 @@ class _Timing:
         i, h = np.arange(n), np.diff(start.t)
         middle, *inner = (
             np.clip(start.inside(i, x * h)[0], start.s[:-1], start.s[1:])
-            for x in (0.5, *PROGRAM.speed_places)
+            for x in (0.5, *SPEED_PLACES)
         )
         right, left, within = (
             _numbers(
@@ -375,9 +361,9 @@ class _Timing:
         in_intervals = np.hstack([right[:-1], left[1:], within, steps])
         varying = [key for key in self.kinds.further if family[key].varies]
         resting = MotionSamples.at_rest(curve.evaluate(middle[n // 2 : n // 2 + 1])[0])
-        usual = family.values(resting, varying)
+        sizes = family.values(resting, varying)
         self.of_acceleration, self.of_rates = (
-            LimitBounds.of(family, keys, usual)
+            LimitBounds.of(family, keys, sizes)
             for keys in (self.kinds.of_acceleration, self.kinds.of_rates)
         )
         self.numbers = np.concatenate(
@@ -425,7 +411,7 @@ class _Timing:
         rows = np.flatnonzero(np.isfinite(lower) | np.isfinite(upper))
         attempts, gap = list(start.attempts), float("nan")
         guess = np.clip(x, low, high)
-        for linear_solver in PLACES.linear_solvers:
+        for linear_solver in LINEAR_SOLVERS:
             solver = self.program.solver(rows, barrier, linear_solver)
             created = time.perf_counter()
             answer = solver(
@@ -441,7 +427,7 @@ class _Timing:
             gap = gap_of(bounds, x, values, np.zeros(1), np.concatenate(lam)).total
             if attempts[-1].status.solved or deadline.over():
                 break
-            barrier = PLACES.first_barrier
+            barrier = FIRST_BARRIER
         if not attempts[-1].status.solved:
             return replace(start, attempts=tuple(attempts))
         points = x[n + 1 : n + 1 + count] * a
