@@ -8,7 +8,7 @@ import pytest
 
 import microbot_ocp as mo
 from microbot_ocp.ocp import OptimalControlProblem
-from microbot_ocp.planning.task import FRICTION_WINDOWS, reversals, windowed_torques
+from microbot_ocp.planning.task import WINDOW_REACH, reversals, windowed_torques
 from microbot_ocp.planning.task._friction import WINDOW
 from microbot_ocp.robot import COULOMB_SMOOTHING
 
@@ -49,9 +49,9 @@ def test_what_is_kept_is_kept_anywhere_within_the_window(turning):
         if abs(float(kept(qd, qdd, tau))) > TORQUE:
             continue
         allowed += 1
-        # half of the way to the next point is 0.25 / REACH of the window; at its very ends the
-        # smoothing lets a part of the friction pass
-        inside = qd + qdd * np.linspace(-window, window, 41) * 0.25 / FRICTION_WINDOWS.reach
+        # half of the way to the next point is 0.25 / WINDOW_REACH of the window; at its very ends
+        # the smoothing lets a part of the friction pass
+        inside = qd + qdd * np.linspace(-window, window, 41) * 0.25 / WINDOW_REACH
         assert np.abs(tau + friction(inside)).max() <= TORQUE + 0.25 * FRICTION
     assert allowed > 500
 

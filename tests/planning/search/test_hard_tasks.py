@@ -146,12 +146,12 @@ def test_without_a_search_even_shares_of_the_time_are_tried():
 def test_an_answer_on_a_bound_of_the_duration_says_so(monkeypatch):
     from microbot_ocp.planning.task import _scale
 
-    usual = _scale.TYPICAL
-    monkeypatch.setattr(_scale, "TYPICAL", replace(usual, longest=0.3))
     robot = slider(1.0, tau_max=5.0)
-    motion = mo.time_optimal(robot, [[0.0], [1.234]], mesh=10, tries=2, compiled=False)
+    with monkeypatch.context() as patched:
+        patched.setattr(_scale, "LONGEST_DURATION", 0.3)
+        motion = mo.time_optimal(robot, [[0.0], [1.234]], mesh=10, tries=2, compiled=False)
     assert not motion.solved
-    monkeypatch.setattr(_scale, "TYPICAL", replace(usual, shortest=5.0))
+    monkeypatch.setattr(_scale, "SHORTEST_DURATION", 5.0)
     motion = mo.time_optimal(robot, [[0.0], [1.2345]], mesh=10, tries=2, compiled=False)
     assert "could not be shorter than" in motion.advice
 

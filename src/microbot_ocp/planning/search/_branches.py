@@ -22,8 +22,8 @@ from microbot_ocp.limits import MotionSamples
 from microbot_ocp.motion import PiecewisePolynomial, polynomial_of
 from microbot_ocp.planning.path import time_path
 from microbot_ocp.planning.task import (
-    STOP_SIZES,
-    TYPICAL,
+    EXACT_TOLERANCE,
+    TYPICAL_SPEED,
     Circle,
     Line,
     Stop,
@@ -235,7 +235,7 @@ def _within(stop: Stop, solution: IKSolution) -> bool:
     """Return True if the pose of a failed solution is within the tolerance of its stop."""
     reach = float(np.min(stop.tolerance))
     return (
-        solution.position_error <= reach + STOP_SIZES.exact
+        solution.position_error <= reach + EXACT_TOLERANCE
         and solution.orientation_error <= stop.orientation_tolerance + 1e-9
     )
 
@@ -243,7 +243,7 @@ def _within(stop: Stop, solution: IKSolution) -> bool:
 def _out_of_reach(robot: Robot, stop: Stop, missed: Sequence[IKSolution]) -> str:
     best = min(missed, key=lambda s: (s.position_error, s.orientation_error))
     beyond = best.position_error - float(np.min(stop.tolerance))
-    far = length_text(beyond) if beyond > STOP_SIZES.exact else ""
+    far = length_text(beyond) if beyond > EXACT_TOLERANCE else ""
     turned = best.orientation_error - stop.orientation_tolerance
     turn = f"{np.degrees(turned):.3g} deg" if turned > 1e-6 else ""
     if best.status is Status.ORIENTATION_MISSED:
@@ -403,7 +403,7 @@ def _apart(robot: Robot, q: FloatArray, other: FloatArray) -> float:
 
 def _speeds(robot: Robot) -> FloatArray:
     size = np.minimum(-robot.limits.qd_min, robot.limits.qd_max)
-    return np.where(np.isfinite(size) & (size > 0), size, TYPICAL.speed)
+    return np.where(np.isfinite(size) & (size > 0), size, TYPICAL_SPEED)
 
 
 def _near(robot: Robot, q: FloatArray, other: FloatArray) -> FloatArray:

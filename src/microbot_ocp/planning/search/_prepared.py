@@ -52,7 +52,7 @@ from microbot_ocp.planning.search._search import from_plain, is_enough, plain_of
 from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings
 from microbot_ocp.planning.search._strategies import graded, search_of, switch_marks
 from microbot_ocp.planning.task import (
-    FRICTION_WINDOWS,
+    COARSE_SMOOTHING,
     LDL,
     SMOOTHING as FRICTION_SMOOTHING,
     TIME_LIMIT,
@@ -94,7 +94,7 @@ def _solved_near(
     declared = {p.name for p in solver.transcription.problem.phases[0].parameters}
     if not isinstance(start, Solution) and FRICTION_SMOOTHING in declared:
         rounded = {
-            phase: {**values, FRICTION_SMOOTHING: FRICTION_WINDOWS.rounded}
+            phase: {**values, FRICTION_SMOOTHING: COARSE_SMOOTHING}
             for phase, values in parameters.items()
         }
         near = solver.solve(guess=start, **{**changes, "parameters": rounded})

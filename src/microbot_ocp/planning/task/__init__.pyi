@@ -37,10 +37,11 @@ from ._ending import (
     with_drives_noted as with_drives_noted,
 )
 from ._friction import (
+    COARSE_SMOOTHING as COARSE_SMOOTHING,
     DRY as DRY,
-    FRICTION_WINDOWS as FRICTION_WINDOWS,
     SMOOTHING as SMOOTHING,
     VISCOUS as VISCOUS,
+    WINDOW_REACH as WINDOW_REACH,
     dry_friction as dry_friction,
     friction as friction,
     frictionless as frictionless,
@@ -57,7 +58,7 @@ from ._robust import (
     robust_limits as robust_limits,
 )
 from ._scale import (
-    TYPICAL as TYPICAL,
+    TYPICAL_SPEED as TYPICAL_SPEED,
     TaskScale as TaskScale,
     single_joint_rates as single_joint_rates,
 )
@@ -69,7 +70,7 @@ from ._segments import (
     Segment as Segment,
 )
 from ._stops import (
-    STOP_SIZES as STOP_SIZES,
+    EXACT_TOLERANCE as EXACT_TOLERANCE,
     Bounds as Bounds,
     Conditions as Conditions,
     EndConditions as EndConditions,

@@ -10,7 +10,7 @@ a part of the friction is missed; the certificate checks the exact torque.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence, Sized
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -27,25 +27,8 @@ from microbot_ocp.robot import COULOMB_SMOOTHING, Robot
 WINDOW, SMOOTHING = "friction window", "friction smoothing"  # names of phase parameters
 
 
-@dataclass(frozen=True)
-class FrictionWindows:
-    """Settings of the windows around reversals with dry friction.
-
-    Attributes
-    ----------
-    reach : width of a window, share of the interval
-    spread : width of the smooth edge, share of the reach
-    most : dry friction up to which limits are tightened, share of a torque limit
-    rounded : smoothing on coarse meshes, share of the typical velocity
-    """
-
-    reach: float = 0.3
-    spread: float = 0.5
-    most: float = 0.9
-    rounded: float = 0.2
-
-
-FRICTION_WINDOWS = FrictionWindows()
+WINDOW_REACH = 0.3  # width of a window, share of the interval
+COARSE_SMOOTHING = 0.2  # smoothing on coarse meshes, share of the typical velocity
 
 LEAST_REACH = 0.1 * COULOMB_SMOOTHING  # rad/s
 LEAST_REVERSAL = 2.0 * COULOMB_SMOOTHING  # smallest change of velocity of a reversal, rad/s
@@ -82,6 +65,10 @@ def without_dry_friction(robot: Robot) -> Robot:
     return frictionless(robot, (DRY,))
 
 
+EDGE_WIDTH = 0.5  # width of the smooth edge of a window, share of the reach
+MOST_FRICTION = 0.9  # dry friction up to which limits are tightened, share of a torque limit
+
+
 def windowed_torques(
     phase: Phase,
     robot: Robot,
@@ -114,14 +101,12 @@ def windowed_torques(
     # The root keeps a slope at qdd = 0. Outside of the window ahead = behind = sign(qd); inside
     # ahead = 1 and behind = -1, so that half is the friction and the mean torque is free of it.
     near = ca.sqrt((qdd * window * phase.duration) ** 2 + LEAST_REACH**2)
-    width = smoothing + FRICTION_WINDOWS.spread * near
-    far = (1.0 + FRICTION_WINDOWS.spread**2) * near
+    width = smoothing + EDGE_WIDTH * near
+    far = (1.0 + EDGE_WIDTH**2) * near
     ahead, behind = ca.tanh((qd + far) / width), ca.tanh((qd - far) / width)
     tau, taud = torques(*state, *held)
     bounds = robot.limits.bounds("tau")
-    drawn = np.isfinite(bounds).all(axis=0) & (
-        size < FRICTION_WINDOWS.most * 0.5 * (bounds[1] - bounds[0])
-    )
+    drawn = np.isfinite(bounds).all(axis=0) & (size < MOST_FRICTION * 0.5 * (bounds[1] - bounds[0]))
     low, high = (np.where(drawn, bound, sign) for bound, sign in zip(bounds, (-1, 1), strict=True))
     middle, range_ = ca.DM(0.5 * (low + high)), ca.DM(0.5 * (high - low))
     mean = tau + ca.DM(np.where(drawn, 0.5 * size, 0.0)) * (ahead + behind)
@@ -204,9 +189,7 @@ def with_windows(
         steps = np.diff(mesh)
         # The window fits the longest interval with a reversal, or else the shortest interval.
         spans = steps[reversals(velocity, joints)]
-        values[name] = {
-            WINDOW: FRICTION_WINDOWS.reach * float(spans.max() if spans.size else steps.min())
-        }
+        values[name] = {WINDOW: WINDOW_REACH * float(spans.max() if spans.size else steps.min())}
     return transcription.with_parameters(values)
 
 
@@ -218,6 +201,6 @@ def _window_of(phase: PhaseSolution) -> float:
 
 def rounded(transcription: Transcription, velocity: FloatArray) -> Transcription:
     """Return kernels with friction rounded off for coarse meshes, by typical velocities [n]."""
-    smoothing = max(COULOMB_SMOOTHING, FRICTION_WINDOWS.rounded * float(velocity.min()))
+    smoothing = max(COULOMB_SMOOTHING, COARSE_SMOOTHING * float(velocity.min()))
     names = [phase.name for phase in transcription.problem.phases]
     return transcription.with_parameters({name: {SMOOTHING: smoothing} for name in names})

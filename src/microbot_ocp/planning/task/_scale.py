@@ -17,36 +17,19 @@ from microbot_ocp._base.outcome import Advice
 from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.robot import inverse_dynamics
 
-
-@dataclass(frozen=True)
-class TypicalSettings:
-    """Settings of the typical magnitudes of a task.
-
-    Attributes
-    ----------
-    speed : speed of joints without direct bounds, rad/s (m/s)
-    acceleration : ten times the typical acceleration, rad/s^2 (m/s^2)
-    poses : number of poses along every segment for the inertia
-    longest : factor on the sum of the typical durations that bounds a duration from above
-    shortest : factor on the time at the highest speed that bounds a duration from below
-    least_rise : share of the duration in which a highest velocity may always be reached
-    at_bound : relative distance from a bound below which a duration counts as at the bound
-    """
-
-    speed: float = 2.0
-    acceleration: float = 10.0
-    poses: int = 5
-    longest: float = 1e3
-    shortest: float = 1e-2
-    least_rise: float = 5e-3
-    at_bound: float = 1e-2
-
-
-TYPICAL = TypicalSettings()
+TYPICAL_SPEED = 2.0  # speed of joints without direct bounds, rad/s (m/s)
+POSES_PER_SEGMENT = 5  # poses along every segment for the inertia
 
 # The cost weight * jerk^2 makes the cheapest rise to a velocity v last SMOOTHED_RISE * sqrt(v /
 # jerk): the time (36 weight v^2 / jerk^2)^(1/4) of an acceleration that falls linearly to zero.
 SMOOTHED_RISE = (36 * 1e-6) ** 0.25
+
+
+ACCELERATION_RATIO = 10.0  # unit of the acceleration per typical acceleration
+LONGEST_DURATION = 1e3  # upper bound of a duration, per sum of the typical durations
+SHORTEST_DURATION = 1e-2  # lower bound of a duration, per time at the highest speed
+LEAST_RISE = 5e-3  # share of the duration in which a highest velocity may be reached
+BOUND_DISTANCE = 1e-2  # relative distance of a duration at its bound
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +73,7 @@ class TaskScale:
         limits = family.robot.limits
         apart = steps = np.abs(np.diff(via, axis=0))
         speed = _larger(limits.bounds("qd"))
-        share = np.linspace(0.0, 1.0, TYPICAL.poses)[:, None, None]
+        share = np.linspace(0.0, 1.0, POSES_PER_SEGMENT)[:, None, None]
         accelerated, jerk_limit, holding = _single_joint_bounds(
             family, via[:-1] + share * np.diff(via, axis=0)
         )
@@ -112,7 +95,7 @@ class TaskScale:
                 posinf=0.0,
             )
             durations = times.max(axis=(0, 2))
-            durations = np.where(durations > 0, durations, steps.max(axis=1) / TYPICAL.speed)
+            durations = np.where(durations > 0, durations, steps.max(axis=1) / TYPICAL_SPEED)
             durations = durations * _stretch(family, via, durations)
             highest = np.sqrt(given**2 + 2.0 * accelerated * steps.sum(axis=0))
             highest = np.minimum(speed, highest)
@@ -123,24 +106,22 @@ class TaskScale:
             np.maximum(size.max(axis=0), 0.1 * size.max()) for size in (reached, gained)
         )
         time = float(_power(durations.max()))
-        unit = TYPICAL.acceleration * _power(acceleration)
+        unit = ACCELERATION_RATIO * _power(acceleration)
         limited = _larger(limits.bounds("qdd"))
         hardest = np.where(np.isfinite(limited), limited, unit)
         if time != 1.0:  # a slow motion may still start and stop at full acceleration
             possible = np.where(np.isfinite(accelerated), accelerated, 0.0)
-            hardest = np.maximum(hardest, TYPICAL.acceleration * _power(possible))
+            hardest = np.maximum(hardest, ACCELERATION_RATIO * _power(possible))
         jerk = 10.0 * hardest / time
         # A velocity may be reachable faster than the smoothing allows; a larger unit of the jerk
         # keeps the cost of that low.
         with np.errstate(divide="ignore", invalid="ignore"):
-            rise = np.maximum(
-                np.nan_to_num(highest / accelerated), TYPICAL.least_rise * durations.sum()
-            )
+            rise = np.maximum(np.nan_to_num(highest / accelerated), LEAST_RISE * durations.sum())
             needed = SMOOTHED_RISE**2 * np.where(np.isfinite(highest), highest, 0.0) / rise**2
         return cls(
             durations=durations,
-            shortest=TYPICAL.shortest * np.where(fastest > 0, fastest, 0.1 * durations),
-            longest=np.full(durations.size, TYPICAL.longest * durations.sum()),
+            shortest=SHORTEST_DURATION * np.where(fastest > 0, fastest, 0.1 * durations),
+            longest=np.full(durations.size, LONGEST_DURATION * durations.sum()),
             time=time,
             position=float(_power(steps.max())),
             velocity=_power(velocity),
@@ -153,9 +134,9 @@ class TaskScale:
         rows, why = [], "a bound of the search, which no limit asks for"
         for k, duration in enumerate(durations):
             between = f"between via points {k + 1} and {k + 2}"
-            if duration <= self.shortest[k] * (1 + TYPICAL.at_bound):
+            if duration <= self.shortest[k] * (1 + BOUND_DISTANCE):
                 sentence = f"The time {between} could not be shorter than {duration:.3g} s: {why}."
-            elif duration >= self.longest[k] * (1 - TYPICAL.at_bound):
+            elif duration >= self.longest[k] * (1 - BOUND_DISTANCE):
                 sentence = f"The time {between} could not be longer than {duration:.3g} s: {why}."
             else:
                 continue
@@ -191,7 +172,8 @@ def _stretch(family: LimitFamily, via: FloatArray, durations: FloatArray) -> flo
     keys = [member.key for member in family if member.limit is not None and member.order > 0]
     if not keys:
         return 1.0
-    s, ways = np.linspace(0.0, 1.0, 2 * TYPICAL.poses + 1)[1:-1, None, None], np.diff(via, axis=0)
+    s = np.linspace(0.0, 1.0, 2 * POSES_PER_SEGMENT + 1)[1:-1, None, None]
+    ways = np.diff(via, axis=0)
     q = via[:-1] + s**3 * (10 - 15 * s + 6 * s**2) * ways
     slopes = (30 * s**2 * (1 - s) ** 2, 60 * s * (1 - s) * (1 - 2 * s), 60 * (1 - 6 * s * (1 - s)))
 

@@ -23,24 +23,6 @@ DIRECTIONS = np.array([0.0, 0.25, 0.5, 0.75]) * np.pi  # normals of the octagon'
 SIDE = float(np.cos(np.pi / 8))  # distance of the octagon's sides, per radius of its corners
 
 
-@dataclass(frozen=True)
-class SegmentSettings:
-    """Bounds of the parameters of segments.
-
-    Attributes
-    ----------
-    largest_turn : largest tolerance of an orientation, rad
-    most_turns : largest number of full turns of one circle
-    largest_arc : largest angle of an arc with a unique nearest place, rad
-    """
-
-    largest_turn: float = 1.0
-    most_turns: int = 20
-    largest_arc: float = 0.75 * 2 * np.pi
-
-
-SEGMENTS = SegmentSettings()
-
 Numbers = tuple[float, ...]
 
 
@@ -70,6 +52,9 @@ class Line:
     def __post_init__(self) -> None:
         checks.number("tolerance of a line", self.tolerance, "m", above=0.0)
         _check_turn(self.orientation_tolerance)
+
+
+MOST_TURNS = 20  # largest number of full turns of one circle
 
 
 @dataclass(frozen=True)
@@ -104,7 +89,7 @@ class Circle:
         point = checks.array("through", self.through, (2, 3) if two else (3,), "m")
         points = tuple(map(tuple, point.tolist())) if two else tuple(point.tolist())
         object.__setattr__(self, "through", points)
-        checks.whole("turns of a circle", self.turns, at_least=0, at_most=SEGMENTS.most_turns)
+        checks.whole("turns of a circle", self.turns, at_least=0, at_most=MOST_TURNS)
         checks.number("tolerance of a circle", self.tolerance, "m", above=0.0)
         _check_turn(self.orientation_tolerance)
 
@@ -142,8 +127,11 @@ Segment = Line | Circle | JointLine | Corner | None
 Curved = Line | Circle
 
 
+LARGEST_TURN = 1.0  # largest tolerance of an orientation, rad
+
+
 def _check_turn(value: float) -> None:
-    checks.number("orientation_tolerance", value, "rad", above=0.0, at_most=SEGMENTS.largest_turn)
+    checks.number("orientation_tolerance", value, "rad", above=0.0, at_most=LARGEST_TURN)
 
 
 # curves -------------------------------------------------------------------------------------------
@@ -398,11 +386,14 @@ def curve_between(kind: Curved, start: FloatArray, end: FloatArray) -> Curve:
     return CircleArc.through(start, through, end).turned(kind.turns)
 
 
+LARGEST_ARC = 0.75 * 2 * np.pi  # largest angle of an arc with a unique nearest place, rad
+
+
 def parts_of(kind: Curved, curve: Curve) -> list[tuple[float, Curved]]:
     """Return parts of a curve on which the nearest place is unique, with the share at each end."""
-    if not isinstance(curve, CircleArc) or curve.angle <= SEGMENTS.largest_arc:
+    if not isinstance(curve, CircleArc) or curve.angle <= LARGEST_ARC:
         return [(1.0, kind)]
-    count = int(np.ceil(curve.angle / SEGMENTS.largest_arc))
+    count = int(np.ceil(curve.angle / LARGEST_ARC))
     middles = curve.points((np.arange(count) + 0.5) / count)
     assert isinstance(kind, Circle)
     return [

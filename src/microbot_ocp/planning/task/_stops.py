@@ -20,23 +20,7 @@ AXES = ("x", "y", "z")
 SHAPE = ("start", "end", "radius", "name")  # fields of a part's capsule
 
 
-@dataclass(frozen=True)
-class StopSizes:
-    """Bounds of the parameters of a stop.
-
-    Attributes
-    ----------
-    pose_joints : number of joints from which an arm reaches a position in any orientation
-    longest_dwell : longest dwell, s: a day
-    exact : largest tolerance that counts as zero, rad (m)
-    """
-
-    pose_joints: int = 6
-    longest_dwell: float = 86_400.0
-    exact: float = 1e-6
-
-
-STOP_SIZES = StopSizes()
+EXACT_TOLERANCE = 1e-6  # largest tolerance that counts as zero, rad (m)
 
 Numbers = tuple[float, ...]
 
@@ -84,6 +68,10 @@ class Payload:
         if self.mass:
             robot = robot.with_payload(self.mass, self.center_of_mass, self.inertia)
         return robot.with_part(*self.shape) if self.shape and robot.capsules else robot
+
+
+POSE_JOINTS = 6  # smallest number of joints that can hold any orientation
+LONGEST_DWELL = 86_400.0  # longest dwell, s: a day
 
 
 @dataclass(frozen=True)
@@ -173,7 +161,7 @@ class Stop:
         if self.free_turn is not None:
             checks.one_of(f"free_turn of {where}", self.free_turn, AXES)
         put(self, "tolerance", self._checked_tolerance(where))
-        sizes = {"orientation_tolerance": ("rad", 1.5), "dwell": ("s", STOP_SIZES.longest_dwell)}
+        sizes = {"orientation_tolerance": ("rad", 1.5), "dwell": ("s", LONGEST_DWELL)}
         for key, (unit, most) in {**sizes, "blend": ("m", None)}.items():
             checks.number(f"{key} of {where}", getattr(self, key), unit, at_least=0.0, at_most=most)
         if self.payload is not None and not isinstance(self.payload, Payload):
@@ -224,7 +212,7 @@ class Stop:
         if isinstance(self.tolerance, tuple):
             return np.array(self.tolerance)
         size = 3 if self.q is None else len(self.q)
-        return np.zeros(size) if self.tolerance <= STOP_SIZES.exact else None
+        return np.zeros(size) if self.tolerance <= EXACT_TOLERANCE else None
 
     @property
     def slack(self) -> FloatArray:
@@ -238,7 +226,7 @@ class Stop:
         """
         if self.q is not None:
             tool = np.array(forward_kinematics(robot)(np.array(self.q)))
-            holds = robot.joint_count >= STOP_SIZES.pose_joints
+            holds = robot.joint_count >= POSE_JOINTS
             return tool[:3, 3], tool[:3, :3] if holds else None
         turned = None if self.orientation is None else np.array(self.orientation)
         return np.array(self.position), turned

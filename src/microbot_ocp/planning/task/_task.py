@@ -36,33 +36,16 @@ from microbot_ocp.planning.task._segments import (
     joint_line_limits,
     orientation_error,
 )
-from microbot_ocp.planning.task._stops import Bounds, Conditions, EndConditions, Payload, Row, Stop
+from microbot_ocp.planning.task._stops import (
+    EXACT_TOLERANCE,
+    Bounds,
+    Conditions,
+    EndConditions,
+    Payload,
+    Row,
+    Stop,
+)
 from microbot_ocp.robot import Robot, forward_kinematics, jacobian
-
-
-@dataclass(frozen=True)
-class TaskSizes:
-    """Bounds of a task's parameters, and thresholds of zero.
-
-    Attributes
-    ----------
-    stops : largest number of stops
-    loosest : largest radius of a ball or a tube, share of the reach
-    heaviest : largest payload, per mass of the arm
-    states : number of random states at which slopes are evaluated
-    flat : relative slope below which a condition counts as constant
-    apart : largest violation of a constant condition, m (m/s, rad)
-    """
-
-    stops: int = 200
-    loosest: float = 0.1
-    heaviest: float = 1000.0
-    states: int = 3
-    flat: float = 1e-9
-    apart: float = 1e-6
-
-
-TASK_SIZES = TaskSizes()
 
 EMPTY = Payload(0.0)
 
@@ -287,6 +270,10 @@ def pose_rows(robot: Robot, stop: Stop) -> list[Row]:
     return rows
 
 
+RANDOM_STATES = 3  # states at which the slopes of a condition are evaluated
+CONSTANT_SLOPE = 1e-9  # relative slope below which a condition counts as constant
+
+
 def _effective(robot: Robot, stop: Stop, row: Row) -> Row | None:
     """Return a condition without equations that no joint affects, such as a planar arm's height.
 
@@ -302,12 +289,12 @@ def _effective(robot: Robot, stop: Stop, row: Row) -> Row | None:
     value, state = row.expression(q, qd), ca.vertcat(q, qd)
     # An equation with zero slope at random states is constant with probability one.
     along = ca.Function("along", [state], [value, ca.jacobian(value, state)])
-    states = np.random.default_rng(0).uniform(-1.0, 1.0, (TASK_SIZES.states, 2 * robot.joint_count))
+    states = np.random.default_rng(0).uniform(-1.0, 1.0, (RANDOM_STATES, 2 * robot.joint_count))
     values, slopes = zip(*(map(np.array, along(x)) for x in states), strict=True)
     size = np.max([np.abs(slope).max(axis=1) for slope in slopes], axis=0)
-    fixed = (size <= TASK_SIZES.flat * max(1.0, size.max())) & (low == high)
+    fixed = (size <= CONSTANT_SLOPE * max(1.0, size.max())) & (low == high)
     off = np.abs(values[0][:, 0] - low)[fixed]
-    if off.size and off.max() > TASK_SIZES.apart:
+    if off.size and off.max() > EXACT_TOLERANCE:
         raise InputError(
             f"{row.name} of stop {stop.name!r} is off by {off.max():.3g} whatever the joints do"
         )
@@ -326,6 +313,9 @@ def _chosen(expression: Callable[..., Any], rows: list[int], q: Any, qd: Any) ->
 def is_task(via: Any) -> bool:
     """Return True if some of the via points are stops."""
     return isinstance(via, list | tuple) and any(isinstance(point, Stop) for point in via)
+
+
+MOST_STOPS = 200  # largest number of stops
 
 
 def task_of(
@@ -351,8 +341,8 @@ def task_of(
     if len(set(names)) < len(names):
         raise InputError(f"the names of stops must differ: {', '.join(names)}")
     least = 1 if cycle else 2
-    if not least <= len(given) <= TASK_SIZES.stops:
-        raise InputError(f"a task must have {least} to {TASK_SIZES.stops} stops, not {len(given)}")
+    if not least <= len(given) <= MOST_STOPS:
+        raise InputError(f"a task must have {least} to {MOST_STOPS} stops, not {len(given)}")
     if cycle:
         given.append(given[0])
     kinds = list(segments) if segments is not None else [None] * (len(given) - 1)
@@ -384,6 +374,9 @@ def task_of(
     return task
 
 
+LOOSEST_TOLERANCE = 0.1  # largest radius of a ball or a tube, share of the reach
+
+
 def _check_tolerance(robot: Robot, where: str, tolerance: Any, of_joints: bool) -> None:
     """Raise InputError if a finite tolerance is larger than the arm's range."""
     finite = np.array(tolerance)[np.isfinite(tolerance)]
@@ -392,13 +385,16 @@ def _check_tolerance(robot: Robot, where: str, tolerance: Any, of_joints: bool) 
         raise InputError(f"tolerance of {where} is {largest:g} rad, more than a whole turn")
     is_box = np.ndim(tolerance) > 0
     reach = farthest_tool(robot)
-    if not of_joints and largest > (reach if is_box else TASK_SIZES.loosest * reach):
+    if not of_joints and largest > (reach if is_box else LOOSEST_TOLERANCE * reach):
         share = "" if is_box else "a tenth of what "
         free = "; inf, in a tolerance of three numbers, leaves a coordinate free"
         raise InputError(
             f"tolerance of {where} is {largest:g} m, more than {share}the arm reaches "
             f"({reach:.3g} m)" + (free if where.startswith("stop") else "")
         )
+
+
+HEAVIEST_PAYLOAD = 1000.0  # largest payload, per mass of the arm
 
 
 def _check_payload(robot: Robot, stop: Stop) -> None:
@@ -410,7 +406,7 @@ def _check_payload(robot: Robot, stop: Stop) -> None:
         )
     mass = sum(link.mass for link in robot.links)
     sentence = f"payload of stop {stop.name!r} is {stop.payload.mass:g} kg, more than "
-    times, weight = TASK_SIZES.heaviest, f"what the arm weighs itself ({mass:.3g} kg)"
+    times, weight = HEAVIEST_PAYLOAD, f"what the arm weighs itself ({mass:.3g} kg)"
     if stop.payload.mass > times * mass > 0.0:
         raise InputError(f"{sentence}{times:g} times {weight}; that looks like grams")
     if stop.payload.mass > mass > 0.0:
