@@ -23,7 +23,7 @@ from microbot_ocp.execution._rows import CommandRows
 from microbot_ocp.limits import LIMIT_TOLERANCE, ROUNDING, LimitFamily
 from microbot_ocp.motion import JUMP_GAP, Columns, Mark, Motion, State, write_columns
 from microbot_ocp.planning import FREE, Segment, Task, limits_digest, time_optimal
-from microbot_ocp.planning.free._within_limits import SLOWING
+from microbot_ocp.planning.free._within_limits import LARGEST_SLOWDOWN
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import Scene
 
@@ -263,7 +263,7 @@ def _accepted(leg: MoveLeg, window: int = 0) -> CommandRows:
     """
     motion, profile, robot = leg.motion, leg.profile, leg.families[0].robot
     steps = max(1, int(np.ceil(motion.duration / profile.step - ROUNDING)))
-    most = int(SLOWING.most_evenly * steps) + 1
+    most = int(LARGEST_SLOWDOWN * steps) + 1
     while True:
         slowed = motion.stretched(robot, steps * profile.step / motion.duration)
         if window:

@@ -42,7 +42,7 @@ from microbot_ocp.motion import (
 )
 from microbot_ocp.planning import PathTimingSettings
 from microbot_ocp.planning.free import with_steady_ends
-from microbot_ocp.planning.free._within_limits import SLOWING
+from microbot_ocp.planning.free._within_limits import MOST_GRIDS
 from microbot_ocp.planning.path import (
     CurveLimits,
     CurvePiece,
@@ -60,26 +60,6 @@ Places = tuple[FloatArray, FloatArray]  # path parameters, and their times
 TOLERANCE = PathTimingSettings.limit_tolerance
 
 
-@dataclass(frozen=True)
-class RampSettings:
-    """Settings of the search for a ramp of the speed.
-
-    Attributes
-    ----------
-    begins, ends : number of samples of the plan that are tried first as start and end of a ramp
-    samples : number of points of a ramp at which limits are checked first
-    finer : density of the second check, relative to the usual samples
-    parts : smallest number of intervals of a ramp between samples
-    """
-
-    begins: int = 21
-    ends: int = 40
-    samples: int = 100
-    finer: int = 4
-    parts: int = 20
-
-
-RAMP = RampSettings()
 UNCHANGED = "Within its limits the motion cannot change its speed from here: it goes on as planned."
 EXCEEDED = "limits are exceeded by {:.3g} % between points of the grid: give a larger grid"
 BROKEN = (
@@ -177,7 +157,7 @@ def overridden(
         return _changed_by_ramp(
             family, motion, _Ramp(at, speed if rests else current, speed), later
         )
-    for _ in range(SLOWING.rounds):
+    for _ in range(MOST_GRIDS):
         changed, timing = override.soonest(speed)
         outcome = Outcome.of(Status.SOLVED)
         if not timing.feasible:
@@ -323,6 +303,9 @@ def _state_at(motion: Motion, place: Sequence[FloatArray]) -> MotionSamples:
     return samples_along(motion.samples(s), place[1:])
 
 
+RAMP_PARTS = 20  # smallest number of intervals of a ramp between samples
+
+
 def _changed_by_ramp(
     family: LimitFamily, motion: Motion, wanted: _Ramp, later: Sequence[str]
 ) -> Motion:
@@ -344,7 +327,7 @@ def _changed_by_ramp(
         ramp = _Ramp(wanted.at, 1.0, 1.0, 0.0, motion.duration - wanted.at)
     reached = float(ramp.along(np.array([ramp.end]))[0][0])
     lasts = ramp.end + ((motion.duration - reached) / ramp.speed if ramp.speed else 0.0)
-    even = np.linspace(0.0, lasts, RAMP.parts * motion.t.size)
+    even = np.linspace(0.0, lasts, RAMP_PARTS * motion.t.size)
     places = ramp.along(even)[0], even
     # Jumps and breaks of the plan move to the times at which the ramp reaches them.
     before_jumps = motion.t[:-1][jump_gaps(motion.t)]
@@ -356,7 +339,7 @@ def _changed_by_ramp(
     begun, ended = breaks >= ramp.begin - same, breaks >= ramp.end - same
     parts = (
         (breaks <= ramp.begin + same, SAMPLE_STEP),
-        (begun & (breaks <= ramp.end + same), ramp.lasts / RAMP.parts),
+        (begun & (breaks <= ramp.end + same), ramp.lasts / RAMP_PARTS),
         (ended, SAMPLE_STEP),
     )
     none = np.zeros(0)
@@ -367,6 +350,12 @@ def _changed_by_ramp(
     judged, _ = limit_checks_of(family, other.history())
     excess = max(float(np.nanmax(c.utilisation / most[c.quantity])) for c in judged) - 1.0
     return _with_outcome(other, outcome, excess)
+
+
+RAMP_STARTS = 21  # samples of the plan that are tried first as starts of a ramp
+RAMP_ENDS = 40  # samples of the plan that are tried first as ends of a ramp
+COARSE_SAMPLES = 100  # points of a ramp at which limits are checked first
+DENSE_SAMPLES = 4  # points of the second check per usual sample of a motion
 
 
 def _soonest_ramp(
@@ -393,14 +382,14 @@ def _soonest_ramp(
 
     # A coarse check rejects most ramps before the dense one.
     def works(ramp: _Ramp) -> bool:
-        counts = RAMP.samples, int(RAMP.finer * ramp.lasts / SAMPLE_STEP)
+        counts = COARSE_SAMPLES, int(DENSE_SAMPLES * ramp.lasts / SAMPLE_STEP)
         shares = (np.linspace(0.0, 1.0, max(count, 2)) for count in counts)
         return all(keeps(ramp.along(ramp.begin + x * ramp.lasts)).all() for x in shares)
 
-    for i in _evenly_chosen(begins, RAMP.begins):
+    for i in _evenly_chosen(begins, RAMP_STARTS):
         later = ends[ends > i]
         low = 0
-        for high in _evenly_chosen(np.arange(later.size), RAMP.ends):
+        for high in _evenly_chosen(np.arange(later.size), RAMP_ENDS):
             ramp = between(i, int(later[high]))
             if best is not None and ramp.end >= best.end:
                 break

@@ -18,37 +18,16 @@ from microbot_ocp.planning.task import TaskScale, locked_joints
 from microbot_ocp.trajectories import ViaPoints, cubic_through, shortest_duration, via_velocities
 
 
-@dataclass(frozen=True)
-class GuessSettings:
-    """Settings of initial guesses.
-
-    Attributes
-    ----------
-    largest_bow : largest offset of a bow in the middle of a segment, rad (m)
-    bow_ratio : largest offset of a bow, share of the distance of all segments
-    swings : smallest and largest amplitude of a swing, rad (m)
-    swing_durations : smallest and largest duration of a swing, per typical duration
-    spread : largest factor between durations of single segments and their common scale
-    harmonics : number of harmonics of a swing
-    """
-
-    largest_bow: float = 1.5
-    bow_ratio: float = 0.7
-    swings: tuple[float, float] = (0.5, 2.5)
-    swing_durations: tuple[float, float] = (1.0, 4.0)
-    spread: float = 2.0
-    harmonics: int = 5
-
-
-GUESSES = GuessSettings()
-
-
 @dataclass(frozen=True, eq=False)
 class InitialGuess:
     """An initial guess: its name, and a guess for every phase."""
 
     name: str
     guesses: Mapping[str, Guess]
+
+
+LARGEST_BOW = 1.5  # largest offset of a bow in the middle of a segment, rad (m)
+BOW_RATIO = 0.7  # largest offset of a bow per distance of all segments
 
 
 def initial_guesses(
@@ -83,7 +62,7 @@ def initial_guesses(
     bows, waves = np.random.default_rng(seed), np.random.default_rng(seed + 1)
     drawn = _Drawn(family, via, names, velocities)
     way = float(np.abs(np.diff(via, axis=0)).sum(axis=0).max())
-    largest = min(GUESSES.largest_bow, GUESSES.bow_ratio * way) * drawn.free
+    largest = min(LARGEST_BOW, BOW_RATIO * way) * drawn.free
     for index in range(moving, count + moving):
         number = index // 2
         if index == 0:
@@ -118,6 +97,12 @@ def _along(curve: PiecewisePolynomial, start: float, end: float, s: FloatArray) 
     return curve(start + s * (end - start))
 
 
+SWING_SIZES = (0.5, 2.5)  # smallest and largest amplitude of a swing, rad (m)
+SWING_DURATIONS = (1.0, 4.0)  # smallest and largest duration of a swing, per typical duration
+DURATION_SPREAD = 2.0  # largest factor between durations of single segments and their scale
+HARMONICS = 5  # number of harmonics of a swing
+
+
 @dataclass(frozen=True, eq=False)
 class _Drawn:
     """Arguments of :func:`initial_guesses`, with the guesses made of them."""
@@ -150,12 +135,12 @@ class _Drawn:
 
     def swing(self, number: int, random: np.random.Generator) -> InitialGuess:
         """Return segments with random oscillations."""
-        size = _between(random, GUESSES.swings) * self.free
-        waves = random.normal(size=(len(self.names), GUESSES.harmonics, self.via.shape[1]))
+        size = _between(random, SWING_SIZES) * self.free
+        waves = random.normal(size=(len(self.names), HARMONICS, self.via.shape[1]))
         # Amplitudes fall like 1 / k, which keeps the velocities of all harmonics alike.
-        waves *= size / np.arange(1, GUESSES.harmonics + 1)[:, None]
-        slower = _between(random, GUESSES.swing_durations)
-        factors = slower * GUESSES.spread ** random.uniform(-1.0, 1.0, len(self.names))
+        waves *= size / np.arange(1, HARMONICS + 1)[:, None]
+        slower = _between(random, SWING_DURATIONS)
+        factors = slower * DURATION_SPREAD ** random.uniform(-1.0, 1.0, len(self.names))
         return self.waved(f"swing {number}", waves, factors * self.durations)
 
     def waved(self, name: str, waves: FloatArray, durations: FloatArray) -> InitialGuess:

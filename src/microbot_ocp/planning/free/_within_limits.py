@@ -9,7 +9,7 @@ slowed down by one factor. If there is no such motion, known ways need no search
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -33,34 +33,8 @@ from microbot_ocp.planning.path import (
 from microbot_ocp.planning.task import TaskScale
 from microbot_ocp.trajectories import cubic, quintic, shortest_duration, spline
 
-
-@dataclass(frozen=True)
-class SlowingDown:
-    """Settings of slowing a motion down until limits hold.
-
-    Attributes
-    ----------
-    grid : smallest number of intervals of the first grid
-    least_rounds : number of grids that are solved even after the time limit
-    rounds : largest number of grids, each refined where a limit is exceeded
-    finer : factors on the number of samples, tried until torques between samples are resolved
-    close : relative accuracy of the factor of a uniform slowdown
-    deciding : number of places that determine the factor of a uniform slowdown first
-    seen : number of places of a spline at which position limits are checked
-    most_evenly : largest factor of a uniform slowdown
-    """
-
-    grid: int = 1000
-    least_rounds: int = 2
-    rounds: int = 6
-    finer: tuple[int, ...] = (1, 2, 4, 8)
-    close: float = 1e-5
-    deciding: int = 500
-    seen: int = 1000
-    most_evenly: float = 1.5
-
-
-SLOWING = SlowingDown()
+MOST_GRIDS = 6  # largest number of grids, each refined where a limit is exceeded
+LARGEST_SLOWDOWN = 1.5  # largest factor of a uniform slowdown
 
 
 class Slowed(NamedTuple):
@@ -68,6 +42,11 @@ class Slowed(NamedTuple):
 
     motion: Motion
     made_from: str
+
+
+FIRST_GRID = 1000  # smallest number of intervals of the first grid
+LEAST_GRIDS = 2  # number of grids that are solved even after the time limit
+SAMPLE_FACTORS = (1, 2, 4, 8)  # factors on the number of samples, tried in turn
 
 
 def within_limits(
@@ -110,11 +89,11 @@ def within_limits(
     pieces = map(CurvePiece, shape.coefficients, np.diff(shape.breaks).tolist())
     curve = PathCurve(tuple(pieces), True, True)
     # Every piece has equally many intervals, so that breaks are grid points.
-    parts = max(2, -(-SLOWING.grid // len(curve.pieces)))
+    parts = max(2, -(-FIRST_GRID // len(curve.pieces)))
     count = parts * len(curve.pieces)
     s = np.interp(np.arange(count + 1) / parts, np.arange(shape.breaks.size), shape.breaks)
     s[::parts] = shape.breaks
-    for number in range(SLOWING.rounds):
+    for number in range(MOST_GRIDS):
         along = CurveLimits.of(family, curve, s, fast)
         if along.limits.later:
             return evenly()
@@ -126,11 +105,11 @@ def within_limits(
         timing = with_steady_ends(timing, (-1,) if moving else (0, -1))
         excess = along.excess(timing)
         cut = excess > tolerance
-        if not cut.any() or (deadline.over() and number >= SLOWING.least_rounds):
+        if not cut.any() or (deadline.over() and number >= LEAST_GRIDS):
             break
         s = np.sort(np.concatenate([s, (0.5 * (s[1:] + s[:-1]))[cut]]))
     marks = _marks(np.interp(via_times, timing.s, timing.t))
-    for finer in SLOWING.finer:
+    for finer in SAMPLE_FACTORS:
         t, state, breaks = sampled([(curve, timing)], finer)
         motion = Motion.from_state(
             family.robot, t, state, label="time-optimal", breaks=breaks, marks=marks
@@ -205,10 +184,13 @@ def _sums(steps: FloatArray) -> FloatArray:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
+POSITION_CHECKS = 1000  # places of a spline at which position limits are checked
+
+
 def _smooth(family: LimitFamily, via: FloatArray, times: FloatArray) -> PiecewisePolynomial:
     """Return a spline, or cubic segments if the spline overshoots the position limits."""
     shape, limits = spline(via, times), family.robot.limits
-    q = shape(np.linspace(times[0], times[-1], SLOWING.seen))
+    q = shape(np.linspace(times[0], times[-1], POSITION_CHECKS))
     out = ((q < limits.q_min) | (q > limits.q_max)).any()
     return cubic(via, times) if out else shape
 
@@ -229,11 +211,15 @@ def largest_excess(family: LimitFamily, motion: Motion) -> float:
     return max((float(ratio.max()) for ratio in use.values()), default=0.0) - 1.0
 
 
+SLOWDOWN_ACCURACY = 1e-5  # absolute accuracy of the factor of a uniform slowdown
+DECIDING_PLACES = 500  # places that determine the factor of a uniform slowdown first
+
+
 def _slowed_evenly(family: LimitFamily, motion: Motion, tolerance: float) -> Motion | None:
     """Return a motion slowed down by one factor until its limits hold, or None."""
     _, samples, _, jumps = motion.history()
     dense = MotionSamples(*map(np.concatenate, zip(samples, jumps, strict=True)))
-    most, places = SLOWING.most_evenly, family.use(dense, family.of_order(0))
+    most, places = LARGEST_SLOWDOWN, family.use(dense, family.of_order(0))
     if any(not ratio.max() <= 1.0 + tolerance for ratio in places.values()):
         return None  # limits of position do not depend on the speed
     slowed = family.of_order(1, 2, 3)
@@ -253,12 +239,12 @@ def _slowed_evenly(family: LimitFamily, motion: Motion, tolerance: float) -> Mot
         broken = ~(ratios <= 1.0 + tolerance)
         if not broken.any():
             break
-        worst = np.argsort(-ratios)[: min(SLOWING.deciding, int(broken.sum()))]
+        worst = np.argsort(-ratios)[: min(DECIDING_PLACES, int(broken.sum()))]
         # The bisection included all of these places: a larger factor does not help them.
         if np.isin(worst, deciding).all():
             return None
         deciding, low, high = np.union1d(deciding, worst), high, most
-        while high - low > SLOWING.close:
+        while high - low > SLOWDOWN_ACCURACY:
             middle = 0.5 * (low + high)
             fits = use(middle, deciding).max() <= 1.0 + tolerance
             low, high = (low, middle) if fits else (middle, high)
