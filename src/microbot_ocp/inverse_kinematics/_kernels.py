@@ -12,7 +12,6 @@ Theory: docs/theory/kinematics.md, equation (5).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -25,40 +24,7 @@ from microbot_ocp._base.quasi_random import evenly_spread_step
 from microbot_ocp._base.threads import cached_in_thread
 from microbot_ocp.robot import Robot, forward_kinematics, jacobian, solve_symmetric
 
-
-@dataclass(frozen=True)
-class StepSettings:
-    """Settings of damped least squares from a start to a target.
-
-    Attributes
-    ----------
-    damping : factor on the squared error that gives the damping
-    damping_floor : smallest damping; it keeps the matrix regular at singular solutions
-    redundant_damping_floor : smallest damping of redundant arms
-    rank_tolerance : singular value, relative to the largest, that counts as zero
-    polishing_error : scaled error below which steps count as polishing
-    polishing_steps : largest number of polishing steps
-    close_error : scaled error below which an attempt may exceed its patience
-    steps : largest number of steps of one attempt
-    total_steps : largest number of steps of all attempts
-    pull_error : scaled error below which steps also move towards the wanted joints
-    null_space_step : null-space step below which the joints have arrived, rad
-    """
-
-    damping: float = 0.03
-    damping_floor: float = 1e-15
-    redundant_damping_floor: float = 1e-12
-    rank_tolerance: float = 1e-5
-    polishing_error: float = 1e-7
-    polishing_steps: int = 30
-    close_error: float = 1e-3
-    steps: int = 80
-    total_steps: int = 100_000
-    pull_error: float = 0.1
-    null_space_step: float = 1e-6
-
-
-STEPS = StepSettings()
+RANK_TOLERANCE = 1e-5  # singular value that counts as zero, per largest
 
 IPOPT_OPTIONS = {
     "ipopt.print_level": 0,
@@ -118,6 +84,17 @@ class Descent(NamedTuple):
     nearest: int = 0  # steps in which a redundant arm also moves towards the wanted joints
 
 
+DAMPING = 0.03  # damping per squared error
+LEAST_DAMPING = 1e-15  # smallest damping; it keeps the matrix regular at singular solutions
+LEAST_REDUNDANT_DAMPING = 1e-12  # smallest damping of redundant arms
+POLISHING_ERROR = 1e-7  # scaled error below which steps count as polishing
+MOST_POLISHING_STEPS = 30  # largest number of polishing steps
+CLOSE_ERROR = 1e-3  # scaled error below which an attempt may exceed its patience
+MOST_STEPS = 80  # largest number of steps of one attempt
+MOST_TOTAL_STEPS = 100_000  # largest number of steps of all attempts
+NULL_SPACE_STEP = 1e-6  # null-space step of joints that have arrived, rad
+
+
 @lru_cache(maxsize=64)
 def descent(robot: Robot, width: int) -> FastCall:
     """Return damped Gauss-Newton steps within bounds towards a target of ``width`` 3 or 12.
@@ -152,8 +129,8 @@ def descent(robot: Robot, width: int) -> FastCall:
     held = beyond(pull)
     regular = min(count, error.numel()) == generic_rank(robot, width)
     # Sugihara's damping, lambda = w |e|^2 + floor, vanishes at a solution: the end is quadratic.
-    damping = STEPS.damping * ca.dot(error, error) + (
-        STEPS.damping_floor if regular else STEPS.redundant_damping_floor
+    damping = DAMPING * ca.dot(error, error) + (
+        LEAST_DAMPING if regular else LEAST_REDUNDANT_DAMPING
     )
     sought = ca.logic_and(attempt < 1, steps < nearest)
 
@@ -166,14 +143,12 @@ def descent(robot: Robot, width: int) -> FastCall:
     move, apart = step_of_others(held)
     # A step of at most half a turn keeps the linear model from spinning joints.
     move *= scale * ca.fmin(1, np.pi / (ca.norm_inf(move) + 1e-300))
-    small += size < STEPS.polishing_error
+    small += size < POLISHING_ERROR
     exact = ca.logic_or(ca.logic_and(size <= enough, small >= polish), size <= 2e-16)
     solved = ca.logic_or(
-        ca.logic_and(exact, apart < STEPS.null_space_step), small >= STEPS.polishing_steps + nearest
+        ca.logic_and(exact, apart < NULL_SPACE_STEP), small >= MOST_POLISHING_STEPS + nearest
     )
-    lost = ca.logic_or(
-        ca.logic_and(steps >= patience, size > STEPS.close_error), steps >= STEPS.steps
-    )
+    lost = ca.logic_or(ca.logic_and(steps >= patience, size > CLOSE_ERROR), steps >= MOST_STEPS)
     again = ca.logic_and(lost, attempt + 1 < attempts)
     step = ca.DM(evenly_spread_step(count))
     # New starts move from the wanted joints into the whole range within four attempts.
@@ -190,7 +165,10 @@ def descent(robot: Robot, width: int) -> FastCall:
         ["state", "target", "wanted", "lower", "upper", "low", "high", "settings"],
         ["next", "going", "error"],
     )
-    return deferred_call(function, STEPS.total_steps, alike=False)
+    return deferred_call(function, MOST_TOTAL_STEPS, alike=False)
+
+
+PULL_ERROR = 0.1  # scaled error below which steps also move towards wanted joints
 
 
 def _step(
@@ -207,7 +185,7 @@ def _step(
         matrix = slope.T @ slope + damping * ca.SX.eye(count)
         return solve_symmetric(matrix, ca.densify(slope.T @ error)), ca.SX(0)
     # Far from the target the pull would fight the task, so it grows only as the error falls.
-    share = sought / (1 + ca.dot(error, error) / STEPS.pull_error**2)
+    share = sought / (1 + ca.dot(error, error) / PULL_ERROR**2)
     beside = missing * share * ca.fmin(1, 1 / (ca.norm_2(missing) + 1e-300))
     matrix = slope @ slope.T + damping * ca.SX.eye(rows)
     move = slope.T @ solve_symmetric(matrix, error - slope @ beside) + beside
@@ -233,7 +211,7 @@ def generic_rank(robot: Robot, width: int) -> int:
     """Return the rank of the task's Jacobian away from singularities."""
     q = np.random.default_rng(0).uniform(-1.0, 1.0, (8, robot.joint_count))
     values = np.linalg.svd(scaled_jacobian(robot, q, width), compute_uv=False)
-    return int((values > STEPS.rank_tolerance * values[:, :1]).sum(axis=1).max())
+    return int((values > RANK_TOLERANCE * values[:, :1]).sum(axis=1).max())
 
 
 @cached_in_thread(maxsize=64)

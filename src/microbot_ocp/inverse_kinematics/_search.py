@@ -21,40 +21,9 @@ from microbot_ocp.inverse_kinematics import _kernels as kernels
 from microbot_ocp.inverse_kinematics._result import read_only
 from microbot_ocp.robot import Robot
 
-
-@dataclass(frozen=True)
-class BranchSearch:
-    """Settings of the branch search, and tolerances of equal solutions.
-
-    Attributes
-    ----------
-    position_tolerance : position error of a solution, m
-    orientation_tolerance : orientation error of a solution, rad
-    rounds : largest number of rounds of starts
-    meetings : number of starts that must lead to every branch before the search ends
-    continuum_samples : number of solutions that represent a continuum
-    probe_step : step along a suspected self-motion, rad (prismatic: share of the reach)
-    same_solution : distance of two runs that ended in one solution, rad
-    nearest_tolerance : accuracy of a nearest pose, rad (prismatic: share of the reach)
-    double_solution : distance within which two solutions may be one doubled root, rad
-    same_on_continuum : distance of representatives at one place of a continuum, rad
-    redundant_attempts : number of starts of a redundant arm
-    """
-
-    position_tolerance: float = 1e-8
-    orientation_tolerance: float = 1e-8
-    rounds: int = 8
-    meetings: int = 4
-    continuum_samples: int = 12
-    probe_step: float = 0.05
-    same_solution: float = 1e-5
-    nearest_tolerance: float = 1e-5
-    double_solution: float = 0.02
-    same_on_continuum: float = 0.02
-    redundant_attempts: int = 2000
-
-
-BRANCH_SEARCH = BranchSearch()
+POSE_TOLERANCE = 1e-8  # largest error of a solution, m and rad
+CONTINUUM_SAMPLES = 12  # solutions that represent a continuum
+SAME_JOINTS = 1e-5  # joint difference that counts as zero, rad (prismatic: share of the reach)
 
 
 SEARCH = kernels.Descent(patience=16, enough=1e-12, polish=2)
@@ -121,7 +90,7 @@ def within_limits(robot: Robot, q: FloatArray, near: FloatArray) -> tuple[FloatA
 
 def goal(robot: Robot) -> float:
     """Return the scaled error of a solution that is within both tolerances."""
-    return max(min(1e-10, BRANCH_SEARCH.position_tolerance / kernels.reach(robot)), 1e-14)
+    return max(min(1e-10, POSE_TOLERANCE / kernels.reach(robot)), 1e-14)
 
 
 def descend(
@@ -142,6 +111,9 @@ def descend(
     return np.ascontiguousarray(ended[:, :-3]), errors[:, 0]
 
 
+REDUNDANT_ATTEMPTS = 2000  # starts of a redundant arm
+
+
 def descend_from(
     robot: Robot, seeds: FloatArray, targets: FloatArray
 ) -> tuple[FloatArray, np.ndarray]:
@@ -149,7 +121,7 @@ def descend_from(
     bounds, given = robot.limits.bounds("q"), FROM_SEED
     clipped = np.clip(seeds, *bounds)
     if robot.joint_count > kernels.generic_rank(robot, targets.shape[1]):
-        given = given._replace(attempts=BRANCH_SEARCH.redundant_attempts)
+        given = given._replace(attempts=REDUNDANT_ATTEMPTS)
     q, errors = descend(robot, clipped, targets, bounds, given, clipped)
     return q, errors < goal(robot)
 
@@ -172,8 +144,8 @@ def pose_errors(poses: FloatArray, targets: FloatArray) -> tuple[FloatArray, Flo
 
 def reaches(distance: ArrayLike, angle: ArrayLike) -> np.ndarray:
     """Return a mask of distances (m) and angles (rad) that are within the tolerances."""
-    near = np.less(distance, BRANCH_SEARCH.position_tolerance)
-    return near & np.less(angle, BRANCH_SEARCH.orientation_tolerance)
+    near = np.less(distance, POSE_TOLERANCE)
+    return near & np.less(angle, POSE_TOLERANCE)
 
 
 def clusters(robot: Robot, q: FloatArray, tolerance: float) -> tuple[FloatArray, np.ndarray]:
@@ -210,6 +182,9 @@ def _clusters_of_each(
     return q[owners, np.concatenate(firsts)[order]], owners, np.concatenate(met)[order]
 
 
+DOUBLED_ROOT = 0.02  # joint difference up to which two solutions may be one root, rad
+
+
 def _merge_doubles(
     robot: Robot, q: FloatArray, owners: np.ndarray, met: np.ndarray, targets: FloatArray
 ) -> tuple[FloatArray, np.ndarray, np.ndarray]:
@@ -221,7 +196,7 @@ def _merge_doubles(
     pairs = begins[block, None] + np.array([one, other]).T[pair]
     gaps = np.abs(difference(robot, q[pairs[:, 0]], q[pairs[:, 1]])).max(axis=1)
     # Near a doubled root the error is quadratic, so even the midpoint is within the tolerance.
-    pairs = pairs[gaps < BRANCH_SEARCH.double_solution]
+    pairs = pairs[gaps < DOUBLED_ROOT]
     if not len(pairs):
         return q, owners, met
     between = q[pairs[:, 0]] + difference(robot, q[pairs[:, 1]], q[pairs[:, 0]]) * (
@@ -243,7 +218,10 @@ def ranks(robot: Robot, q: FloatArray, width: int) -> np.ndarray:
 
 def _rank(values: np.ndarray) -> np.ndarray:
     """Return the ranks [K] of matrices with these singular values [K,m]."""
-    return (values > kernels.STEPS.rank_tolerance * np.maximum(values[:, :1], 1e-12)).sum(axis=1)
+    return (values > kernels.RANK_TOLERANCE * np.maximum(values[:, :1], 1e-12)).sum(axis=1)
+
+
+PROBE_STEP = 0.05  # step along a suspected self-motion, rad (prismatic: share of the reach)
 
 
 def self_motions(robot: Robot, q: FloatArray, targets: FloatArray, rank: np.ndarray) -> np.ndarray:
@@ -265,9 +243,9 @@ def self_motions(robot: Robot, q: FloatArray, targets: FloatArray, rank: np.ndar
     rows = lost[[i for i, _ in owners]]
     along = np.array([right[i, k] for i, k in owners])
     # A step along a tangent of a doubled root returns to the root; on a continuum it stays away.
-    start = q[rows] + BRANCH_SEARCH.probe_step * along * kernels.joint_scale(robot)
+    start = q[rows] + PROBE_STEP * along * kernels.joint_scale(robot)
     ended, errors = descend(robot, start, targets[rows])
-    moved = difference(robot, ended, q[rows]) / BRANCH_SEARCH.probe_step
+    moved = difference(robot, ended, q[rows]) / PROBE_STEP
     for row in set(rows.tolist()):
         mine = moved[(rows == row) & (errors < goal(robot))]
         if len(mine):
@@ -336,11 +314,11 @@ def _are_nearest(robot: Robot, q: FloatArray, target: FloatArray, wanted: FloatA
     missing = (wanted - q) / kernels.joint_scale(robot)
     at_lower, at_upper = q <= robot.limits.q_min, q >= robot.limits.q_max
     free = ~(at_lower | at_upper)[..., None]
-    weakest = kernels.STEPS.rank_tolerance
+    weakest = kernels.RANK_TOLERANCE
     combination = np.linalg.pinv(rows * free, rcond=weakest) @ (missing[..., None] * free)
     left = missing - (rows @ combination)[..., 0]
     beyond = (at_lower & (left < 0)) | (at_upper & (left > 0))
-    return np.all((np.abs(left) < BRANCH_SEARCH.nearest_tolerance) | beyond, axis=1)
+    return np.all((np.abs(left) < SAME_JOINTS) | beyond, axis=1)
 
 
 def _slide(
@@ -374,6 +352,9 @@ def _slide(
     return q
 
 
+MOST_ROUNDS = 8  # largest number of rounds of starts
+
+
 def find_branches(robot: Robot, targets: FloatArray) -> list[BranchSet]:
     """Find all solutions of every target [N,w], modulo a turn, without regard to limits.
 
@@ -396,14 +377,14 @@ def find_branches(robot: Robot, targets: FloatArray) -> list[BranchSet]:
     answers = [np.zeros((0, count)) for _ in targets]
     jacobian_ranks = [np.zeros(0, dtype=int) for _ in targets]
     pending = np.arange(len(targets))
-    for turn in range(BRANCH_SEARCH.rounds):
+    for turn in range(MOST_ROUNDS):
         starts = low + (high - low) * quasi_random(size, count, turn * size)
         poses, errors = descend(
             robot, np.tile(starts, (len(pending), 1)), np.repeat(targets[pending], size, 0), bounds
         )
         pools = np.concatenate([pools, poses.reshape(len(pending), size, count)], axis=1)
         good = np.concatenate([good, (errors < goal(robot)).reshape(len(pending), size)], axis=1)
-        groups = _clusters_of_each(robot, pools, good, BRANCH_SEARCH.same_solution)
+        groups = _clusters_of_each(robot, pools, good, SAME_JOINTS)
         q, owners, met = _merge_doubles(robot, *groups, targets[pending])
         jacobians = kernels.scaled_jacobian(robot, q, width)
         values = np.linalg.svd(jacobians, compute_uv=False)
@@ -413,7 +394,7 @@ def find_branches(robot: Robot, targets: FloatArray) -> list[BranchSet]:
             part = slice(ends[row], ends[row + 1])
             answers[index], jacobian_ranks[index] = q[part], rank[part]
             if not (
-                len(q[part]) >= BRANCH_SEARCH.continuum_samples
+                len(q[part]) >= CONTINUUM_SAMPLES
                 if redundant and len(q[part])
                 else _complete(
                     jacobians[part], values[part], met[part], turn, balanced_when_complete
@@ -432,6 +413,9 @@ def find_branches(robot: Robot, targets: FloatArray) -> list[BranchSet]:
     return [_with_representatives(robot, q, rank, target) for q, rank, target in found_all]
 
 
+MEETINGS = 4  # starts that must lead to every branch before the search ends
+
+
 def _complete(
     jacobians: FloatArray, values: np.ndarray, met: np.ndarray, turn: int, balanced: bool
 ) -> bool:
@@ -442,16 +426,19 @@ def _complete(
     if not len(met):
         return turn > 0
     conditions = values[:, -1] / np.maximum(values[:, 0], 1e-12)
-    if values.shape[1] < jacobians.shape[2] or conditions.min() < kernels.STEPS.rank_tolerance:
+    if values.shape[1] < jacobians.shape[2] or conditions.min() < kernels.RANK_TOLERANCE:
         # A continuum gives new solutions in every round, so only isolated ones must recur.
-        isolated = conditions >= kernels.STEPS.rank_tolerance
-        return turn > 0 and bool(np.all(met[isolated] >= BRANCH_SEARCH.meetings))
-    if met.min() < BRANCH_SEARCH.meetings:
+        isolated = conditions >= kernels.RANK_TOLERANCE
+        return turn > 0 and bool(np.all(met[isolated] >= MEETINGS))
+    if met.min() < MEETINGS:
         return False
     if not balanced or conditions.min() < 1e-4:
         return True  # the sign of a vanishing determinant is undefined
     # Degree zero: the determinants of all solutions have as many positive as negative signs.
     return abs(np.sign(np.linalg.det(jacobians)).sum()) < 0.5
+
+
+SAME_ON_CONTINUUM = 0.02  # joint difference of representatives at one place, rad
 
 
 def _with_representatives(
@@ -467,7 +454,7 @@ def _with_representatives(
     isolated, suspects = q[~deficient], q[deficient]
     if not len(suspects):
         return BranchSet(q, np.zeros(len(q), dtype=int), True)
-    suspects = _farthest_points(robot, suspects, BRANCH_SEARCH.continuum_samples)
+    suspects = _farthest_points(robot, suspects, CONTINUUM_SAMPLES)
     motion = motions_of_one(robot, suspects, target)
     doubled = suspects[motion == 0]
     begins, _ = within_limits(robot, suspects[motion > 0], middle(robot))
@@ -475,7 +462,7 @@ def _with_representatives(
     settled = [best for best in nearest if best is not None]
     central = np.array(settled).reshape(-1, robot.joint_count)
     order = np.argsort(np.linalg.norm(difference(robot, central, middle(robot)), axis=1))
-    central, _ = clusters(robot, central[order], BRANCH_SEARCH.same_on_continuum)
+    central, _ = clusters(robot, central[order], SAME_ON_CONTINUUM)
     everything = np.concatenate([isolated, doubled, central])
     moves = np.zeros(len(everything), dtype=int)
     if len(central):
@@ -552,7 +539,7 @@ def by_nlp(robot: Robot, target: FloatArray, starts: int) -> FloatArray:
     q = np.clip(rows, *robot.limits.bounds("q"))
     q = q[reaches(*task_errors(robot, q, np.tile(target, (len(q), 1))))]
     q, _ = within_limits(robot, q, middle(robot))
-    return clusters(robot, q, BRANCH_SEARCH.same_solution)[0]
+    return clusters(robot, q, SAME_JOINTS)[0]
 
 
 def _nearest_by_nlp(
