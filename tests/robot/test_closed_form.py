@@ -117,8 +117,7 @@ def test_series_are_the_dynamics(kinds: str) -> None:
 
 
 def test_long_sums_are_several_statements(monkeypatch: pytest.MonkeyPatch) -> None:
-    few = _equation_text.Typesetting(most_terms=2)
-    monkeypatch.setattr(_equation_text, "TYPESETTING", few)
+    monkeypatch.setattr(_equation_text, "MOST_TERMS", 2)
     robot = mo.load_robot("stanford")
     form = mo.robot.closed_form(robot)
     assert "\n    double h112 = " in form.text("c")

@@ -28,42 +28,8 @@ from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot._shapes import ROLES, Capsule, Role, Shape, read_mesh
 from microbot_ocp.robot._transforms import dh_transform
 
-
-@dataclass(frozen=True)
-class CapsuleFit:
-    """Settings for fitting capsules around shapes.
-
-    Attributes
-    ----------
-    sides : int
-        Sides of the polygon around a circle.
-    directions : int
-        Directions in which the outermost points are searched.
-    cuts : int
-        Planes across each principal axis of a part, one of which may divide the part.
-    halvings : int
-        Levels of division of a link into cells, whose convex hulls approximate the link.
-    convex : float
-        Share of its hull's volume from which a link counts as convex.
-    samples : int
-        Points for the measurement of volumes.
-    slender : float
-        Default radius of links, relative to the total length of all links.
-    finest_step : float
-        Last step of the search for the direction, rad.
-    """
-
-    sides: int = 32
-    directions: int = 400
-    cuts: int = 5
-    halvings: int = 4
-    convex: float = 0.999
-    samples: int = 8192
-    slender: float = 1 / 30
-    finest_step: float = 1e-3
-
-
-CAPSULE_FIT = CapsuleFit()
+SUPPORT_DIRECTIONS = 400  # number of directions in which the outermost points are searched
+LINK_HALVINGS = 4  # levels of division of a link into cells, whose hulls approximate the link
 
 
 def fit_capsules(
@@ -111,6 +77,9 @@ def fit_capsules(
         around = (replace(capsule, name=link) for capsule in _around(shapes, ratio, count))
         fitted[frame] = (*fitted.get(frame, ()), *around)
     return fitted
+
+
+LINK_RADIUS = 1 / 30  # default radius of links, per total length of all links
 
 
 def link_capsules(robot: Robot, radius: ArrayLike | None = None) -> dict[int, tuple[Capsule, ...]]:
@@ -167,7 +136,7 @@ def link_capsules(robot: Robot, radius: ArrayLike | None = None) -> dict[int, tu
     segments.append((count, np.zeros(3), robot.tool[:3, 3]))
     lengths = [float(np.linalg.norm(end - start)) for _, start, end in segments]
     total = sum(lengths)
-    default = total * CAPSULE_FIT.slender if radius is None else radius
+    default = total * LINK_RADIUS if radius is None else radius
     sizes = checks.array("radius", np.atleast_1d(checks.numbers("radius", default)), (None,), "m")
     if sizes.size not in (1, count + 1):
         raise InputError(f"radius must be one number or {count + 1}, not {sizes.size}")
@@ -239,7 +208,10 @@ def link_hull(shapes: tuple[Shape, ...], frame: int, link: str) -> LinkHull | No
     chosen = [shape for shape in shapes if (shape.frame, shape.link, shape.role) == place]
     if not chosen:
         return None
-    return _hull(_Surface.of(chosen), link, CAPSULE_FIT.halvings)[0]
+    return _hull(_Surface.of(chosen), link, LINK_HALVINGS)[0]
+
+
+CONVEX_SHARE = 0.999  # share of its hull's volume from which a link counts as convex
 
 
 def _hull(surface: _Surface, link: str, halvings: int) -> tuple[LinkHull | None, float]:
@@ -255,7 +227,7 @@ def _hull(surface: _Surface, link: str, halvings: int) -> tuple[LinkHull | None,
         sides = min(cuts, key=lambda cut: sum(side.hull[1] for side in cut), default=())
         halves = [_hull(side, link, halvings - 1) for side in sides]
         held = sum(half[1] for half in halves)
-        if all(half[0] for half in halves) and 0.0 < held < CAPSULE_FIT.convex * volume:
+        if all(half[0] for half in halves) and 0.0 < held < CONVEX_SHARE * volume:
             volume, parts = held, tuple(half[0] for half in halves if half[0])
     c = _rough_capsule(corners)
     return LinkHull(c.start, c.end, c.radius, link, corners=corners, parts=parts), volume
@@ -329,6 +301,9 @@ class _Surface:
         return _Surface(places, lower), _Surface(places, upper)
 
 
+CUT_PLANES = 5  # number of planes across each principal axis, one of which may divide a part
+
+
 @dataclass(frozen=True, eq=False)
 class _Part:
     """A part of a link between planes."""
@@ -346,8 +321,11 @@ class _Part:
         return [
             tuple(_Part(side, _rough_capsule(side.points)) for side in sides)
             for axis in _principal(self.surface.points)
-            for sides in self.surface.halved(axis, CAPSULE_FIT.cuts)
+            for sides in self.surface.halved(axis, CUT_PLANES)
         ]
+
+
+VOLUME_SAMPLES = 8192  # number of points for the measurement of volumes
 
 
 class _LinkFit:
@@ -357,7 +335,7 @@ class _LinkFit:
         self.surface = surface
         # Cells halved along their longest principal axis are nearly convex.
         cells = [surface]
-        for _ in range(CAPSULE_FIT.halvings):
+        for _ in range(LINK_HALVINGS):
             cells = [
                 side
                 for cell in cells
@@ -368,7 +346,7 @@ class _LinkFit:
         ends = np.array([whole.start, whole.end])
         low, high = ends.min(axis=0) - whole.radius, ends.max(axis=0) + whole.radius
         steps = evenly_spread_step(3)
-        self.samples = low + (high - low) * (np.outer(np.arange(CAPSULE_FIT.samples), steps) % 1.0)
+        self.samples = low + (high - low) * (np.outer(np.arange(VOLUME_SAMPLES), steps) % 1.0)
         self.solid = self._distance(self.samples) <= 0.0
 
     def _distance(self, points: FloatArray) -> FloatArray:
@@ -393,8 +371,11 @@ class _LinkFit:
 
 def _rough_capsule(points: FloatArray) -> Capsule:
     """Return the smallest capsule along a principal axis around a subset of points [N,3]."""
-    some = points[:: max(1, len(points) // CAPSULE_FIT.directions)]
+    some = points[:: max(1, len(points) // SUPPORT_DIRECTIONS)]
     return min((_along(some, u) for u in _principal(some)), key=lambda capsule: capsule.volume)
+
+
+POLYGON_SIDES = 32  # sides of the polygon around a circle
 
 
 def _triangles(shape: Shape) -> FloatArray:
@@ -407,7 +388,7 @@ def _triangles(shape: Shape) -> FloatArray:
         rims = np.array([[0.0, -0.5], [np.sqrt(0.5), -0.5], [np.sqrt(0.5), 0.5], [0.0, 0.5]])
         triangles = _revolved(rims, 4) * shape.size
     else:
-        sides = CAPSULE_FIT.sides
+        sides = POLYGON_SIDES
         around = 1 / np.cos(np.pi / sides)  # factor of a polygon's corners outside of its circle
         radius, half = shape.size[0] * around, shape.size[-1] / 2 * (shape.size.size == 2)
         if shape.kind == "cylinder":
@@ -439,24 +420,27 @@ def _principal(points: FloatArray) -> FloatArray:
 @lru_cache
 def _directions() -> FloatArray:
     """Return unit vectors spread over the sphere, on a spiral (Swinbank and Purser, 2006)."""
-    index = np.arange(CAPSULE_FIT.directions) + 0.5
-    z = 1 - 2 * index / CAPSULE_FIT.directions
+    index = np.arange(SUPPORT_DIRECTIONS) + 0.5
+    z = 1 - 2 * index / SUPPORT_DIRECTIONS
     turn, across = np.pi * (1 + np.sqrt(5)) * index, np.sqrt(1 - z**2)
     return np.column_stack([across * np.cos(turn), across * np.sin(turn), z])
 
 
 def _outermost(points: FloatArray) -> FloatArray:
     """Return the points that are farthest in at least one of many directions."""
-    if len(points) < CAPSULE_FIT.directions:
+    if len(points) < SUPPORT_DIRECTIONS:
         return points
     return points[np.unique(np.argmax(_directions() @ points.T, axis=1))]
+
+
+FINEST_STEP = 1e-3  # last step of the search for the direction, rad
 
 
 def _downhill(points: FloatArray, direction: FloatArray) -> FloatArray:
     """Return the unit vector near ``direction`` along which the capsule has the least volume."""
     # A pattern search: the volume has kinks where the outermost points change.
     best, step = _along(points, direction).volume, 0.2
-    while step > CAPSULE_FIT.finest_step:
+    while step > FINEST_STEP:
         side, other = _across(direction)
         trials = [_unit(direction + step * way) for way in (side, -side, other, -other)]
         volumes = [_along(points, trial).volume for trial in trials]

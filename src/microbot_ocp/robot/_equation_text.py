@@ -13,30 +13,7 @@ from typing import Any
 
 from microbot_ocp.robot._closed_form import ClosedForm, Series, Term
 
-
-@dataclass(frozen=True)
-class Typesetting:
-    """Settings of equations as text.
-
-    Attributes
-    ----------
-    program_width : int
-        Characters in a line of a program.
-    most_terms : int
-        Terms of one statement; parsers of programs nest a level for each.
-    latex_width : int
-        Visible characters in a line of a formula.
-    digits : int
-        Digits of a coefficient in text for readers.
-    """
-
-    program_width: int = 96
-    most_terms: int = 200
-    latex_width: int = 73
-    digits: int = 6
-
-
-TYPESETTING = Typesetting()
+COEFFICIENT_DIGITS = 6  # digits of a coefficient in text for readers
 
 
 def plain(series: Series) -> str:
@@ -47,7 +24,7 @@ def plain(series: Series) -> str:
         powers = ((f"q{j + 1}", term.powers[j]) for j in series.displacements)
         return [name if n == 1 else f"{name}^{n}" for name, n in powers if n] + waves
 
-    parts = _parts(series, factors, " ", lambda value: f"{value:.{TYPESETTING.digits}g}")
+    parts = _parts(series, factors, " ", lambda value: f"{value:.{COEFFICIENT_DIGITS}g}")
     return " ".join(parts) or "0"
 
 
@@ -130,7 +107,7 @@ def latex(form: ClosedForm) -> str:
     names = ["d" if kind == "prismatic" else r"\theta" for kind in form.robot.joint_types]
     variables = ", ".join(f"${name}_{i}$" for i, name in enumerate(names, start=1))
     title = re.sub(r"([&%$#_{}])", r"\\\1", re.sub(r"[\\~^]", " ", form.robot.name))
-    digits = TYPESETTING.digits
+    digits = COEFFICIENT_DIGITS
     lines = [
         r"\documentclass{article}",
         r"\usepackage[margin=2cm]{geometry}",
@@ -155,6 +132,9 @@ def latex(form: ClosedForm) -> str:
     return "\n".join([*lines, r"\end{document}", ""])
 
 
+LATEX_WIDTH = 73  # visible characters in a line of a formula
+
+
 def _latex_sum(series: Series, names: Sequence[str]) -> str:
     def factors(term: Term) -> list[str]:
         words = []
@@ -171,11 +151,11 @@ def _latex_sum(series: Series, names: Sequence[str]) -> str:
         return len(re.sub(r"\\theta_|\\[,{}]|\\(?=[cs])|\{|\}|\^", "", part))
 
     parts = _parts(series, factors, r"\,", _latex_number)
-    return _broken(parts, TYPESETTING.latex_width, " \\\\\n  &\\quad ", size)
+    return _broken(parts, LATEX_WIDTH, " \\\\\n  &\\quad ", size)
 
 
 def _latex_number(value: float) -> str:
-    mantissa, _, exponent = f"{value:.{TYPESETTING.digits}g}".partition("e")
+    mantissa, _, exponent = f"{value:.{COEFFICIENT_DIGITS}g}".partition("e")
     return rf"{mantissa} \cdot 10^{{{int(exponent)}}}" if exponent else mantissa
 
 
@@ -289,6 +269,10 @@ def _function(form: ClosedForm, language: str, matrix: str) -> list[str]:
     return [*head, *(f"    {line}" for line in inside), *tail]
 
 
+PROGRAM_WIDTH = 96  # characters in a line of a program
+MOST_TERMS = 200  # terms of one statement: parsers of programs nest a level for each
+
+
 def _statements(form: ClosedForm, language: str, matrix: str) -> list[str]:
     """Return the definitions of the waves in use, and of every nonzero entry."""
     syntax, every = SYNTAX[language], range(form.robot.joint_count)
@@ -297,13 +281,11 @@ def _statements(form: ClosedForm, language: str, matrix: str) -> list[str]:
 
     def assign(target: str, parts: Iterable[str], let: str = "") -> None:
         every_part = list(parts)
-        if len(every_part) > TYPESETTING.most_terms:
+        if len(every_part) > MOST_TERMS:
             let = let.removeprefix("const ")
-        for first in range(0, len(every_part), TYPESETTING.most_terms):
-            some = every_part[first : first + TYPESETTING.most_terms]
-            text = _broken(
-                [target, *some] if first else some, TYPESETTING.program_width, syntax.continued
-            )
+        for first in range(0, len(every_part), MOST_TERMS):
+            some = every_part[first : first + MOST_TERMS]
+            text = _broken([target, *some] if first else some, PROGRAM_WIDTH, syntax.continued)
             if language == "python" and "\n" in text:
                 text = f"(\n        {text}\n    )"
             entries.append(f"{'' if first else let}{target} = {text}{syntax.end}")

@@ -27,27 +27,6 @@ from microbot_ocp.scene._scene import Pair, Scene, with_arm_capsules
 
 
 @dataclass(frozen=True)
-class ClearanceProof:
-    """Settings of the proof that an arm keeps clear.
-
-    Attributes
-    ----------
-    first_intervals : number of equal intervals at the start
-    most_distances : number of distances after which the proof gives up
-    shortest : length below which an interval is not halved, s
-    slack_ratio : fraction of the least distance beyond the clearance that a proof must reach
-    """
-
-    first_intervals: int = 64
-    most_distances: int = 2_000_000
-    shortest: float = 1e-7
-    slack_ratio: float = 0.5
-
-
-PROOF = ClearanceProof()
-
-
-@dataclass(frozen=True)
 class Clearance:
     """Least distance of a motion from its surroundings, and whether the clearance is proved.
 
@@ -174,6 +153,12 @@ def clearance_along(
     )
 
 
+FIRST_INTERVALS = 64  # number of equal intervals at the start
+MOST_DISTANCES = 2_000_000  # distances after which the proof gives up
+SHORTEST_INTERVAL = 1e-7  # length below which an interval is not halved, s
+PROVED_RATIO = 0.5  # share of the least distance beyond the clearance that is proved
+
+
 class _ClearanceSearch:
     """Branch and bound over time intervals and pairs of bodies.
 
@@ -192,11 +177,11 @@ class _ClearanceSearch:
         self.at_least, self.open_stretches, self.count = np.inf, 0, 0
 
     def run(self, begin: float, finish: float) -> None:
-        edges = np.linspace(begin, finish, PROOF.first_intervals + 1)
+        edges = np.linspace(begin, finish, FIRST_INTERVALS + 1)
         pairs = len(self.model.pairs)
         start: FloatArray = np.repeat(edges[:-1], pairs)
         end: FloatArray = np.repeat(edges[1:], pairs)
-        pair = np.tile(np.arange(pairs), PROOF.first_intervals)
+        pair = np.tile(np.arange(pairs), FIRST_INTERVALS)
         while start.size:
             middle: FloatArray = 0.5 * (start + end)
             # Lipschitz bound: d(t) >= d(middle) - reach for all t of the interval.
@@ -205,15 +190,15 @@ class _ClearanceSearch:
             self.count += sure.size
             # Halving goes on until the proved bound reaches this fraction of the least distance.
             beyond = max(self.minimum - ACCURACY - self.wanted, 0.0)
-            enough = self.wanted + PROOF.slack_ratio * beyond
+            enough = self.wanted + PROVED_RATIO * beyond
             closed = (sure > self.wanted) & (sure >= enough)
             if closed.any():
                 self.at_least = min(self.at_least, float(sure[closed].min()))
             left = ~closed
-            if self.minimum <= self.wanted or self.count > PROOF.most_distances:
+            if self.minimum <= self.wanted or self.count > MOST_DISTANCES:
                 self.open_stretches = int(left.sum())
                 return
-            short = left & (end - start < PROOF.shortest)
+            short = left & (end - start < SHORTEST_INTERVAL)
             self.open_stretches += int(short.sum())
             left &= ~short
             start, middle, end = start[left], middle[left], end[left]

@@ -12,7 +12,6 @@ import os
 import queue
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -31,26 +30,6 @@ from microbot_ocp.sweeps._study import OwnMethod, Plan, Study
 from microbot_ocp.sweeps._sweep import Sweep, opened
 from microbot_ocp.tasks import Progress, Step
 
-
-@dataclass(frozen=True)
-class Scheduling:
-    """Settings of the scheduling.
-
-    Attributes
-    ----------
-    ahead : chunks in flight per thread of a worker: one in work, one waiting
-    tick : time between two polls of the answers, s
-    most_workers : largest number of workers per processor; a worker needs about 150 MB
-    without_worker : time without any worker after which the sweep stops, s
-    """
-
-    ahead: int = 2
-    tick: float = 0.2
-    most_workers: int = 8
-    without_worker: float = 120.0
-
-
-SCHEDULING = Scheduling()
 # Dask checks its event loops every 20 ms and samples its stacks every 10 ms, in each process.
 MONITORING = {"distributed.admin.tick.interval": "1s", "distributed.worker.profile.enabled": False}
 
@@ -138,6 +117,9 @@ def sweep(
     return run_study(study, out, client=client, workers=workers, progress=progress)
 
 
+MOST_WORKERS = 8  # workers per processor; a worker needs about 150 MB
+
+
 def run_study(
     study: Study,
     out: str | Path,
@@ -150,9 +132,7 @@ def run_study(
     for module in ("distributed", "pyarrow.parquet"):
         needed(module)
     if workers is not None:
-        checks.number(
-            "workers", workers, at_least=1, at_most=SCHEDULING.most_workers * _processors()
-        )
+        checks.number("workers", workers, at_least=1, at_most=MOST_WORKERS * _processors())
         if client is not None:
             raise InputError(
                 "workers is for processes of this machine: give it or client, not both"
@@ -253,6 +233,11 @@ class _Reporter:
         self._progress(Step(self.done, self._count, stage, text))
 
 
+CHUNKS_AHEAD = 2  # chunks in flight per thread of a worker: one in work, one waiting
+POLL_INTERVAL = 0.2  # time between two polls of the answers, s
+WORKER_TIMEOUT = 120.0  # time without any worker after which the sweep stops, s
+
+
 class _Run:
     """Run of a study: chunks in flight, answers, and new submissions after a lost worker."""
 
@@ -275,7 +260,7 @@ class _Run:
             # Invariant: every chunk is in todo, in flight, or has its file.
             while self._fill(todo) or self._flying:
                 try:
-                    future = self._answers.get(timeout=SCHEDULING.tick)
+                    future = self._answers.get(timeout=POLL_INTERVAL)
                 except queue.Empty:
                     self._check()
                 else:
@@ -288,7 +273,7 @@ class _Run:
 
     def _fill(self, todo: Iterator[tuple[int, int, FloatArray]]) -> bool:
         """Send chunks until the workers are busy; return False if no chunk is left."""
-        room = SCHEDULING.ahead * max(1, self._threads()) - len(self._flying)
+        room = CHUNKS_AHEAD * max(1, self._threads()) - len(self._flying)
         for _ in range(room):
             following = next(todo, None)
             if following is None:
@@ -336,8 +321,8 @@ class _Run:
             raise self._stopped("the scheduler ended")
         if self._threads():
             self._last_worker = time.monotonic()
-        elif time.monotonic() - self._last_worker > SCHEDULING.without_worker:
-            raise self._stopped(f"there was no worker for {SCHEDULING.without_worker:g} s")
+        elif time.monotonic() - self._last_worker > WORKER_TIMEOUT:
+            raise self._stopped(f"there was no worker for {WORKER_TIMEOUT:g} s")
 
     def _stopped(self, why: str) -> SweepStopped:
         progress = f"{self.reporter.done:,} of {self.results.count:,} cases are kept in"

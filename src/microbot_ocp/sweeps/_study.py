@@ -63,27 +63,6 @@ RANGE = {"from": NEEDED, "to": NEEDED, "steps": ANY}
 
 
 @dataclass(frozen=True)
-class StudySettings:
-    """Settings of the division of a study into chunks.
-
-    Attributes
-    ----------
-    time_limit : default wall time of one case, s
-    most_tried : largest number of cases tried to find via points for a prepared solver
-    largest_chunk : largest number of cases in a chunk
-    chunks : desired number of chunks of a study
-    """
-
-    time_limit: float = 60.0
-    most_tried: int = 200
-    largest_chunk: int = 200
-    chunks: int = 500
-
-
-DIVISION = StudySettings()
-
-
-@dataclass(frozen=True)
 class CaseSettings:
     """Settings of the methods; see :class:`Study`."""
 
@@ -98,6 +77,11 @@ class CaseSettings:
             raise InputError(f"prepared must be true or false, not {self.prepared!r}")
         TimeOptimalSettings(mesh=self.mesh, starts=self.starts, seed=self.seed)
         PathTimingSettings(grid=self.grid)
+
+
+MOST_CASES_TRIED = 200  # cases tried to find via points for a prepared solver
+LARGEST_CHUNK = 200  # largest number of cases in a chunk
+DESIRED_CHUNKS = 500  # desired number of chunks of a study
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +122,7 @@ class Study:
         "time_optimal",
     )
     settings: Mapping[str, Any] = field(default_factory=dict)
-    time_limit: float = DIVISION.time_limit
+    time_limit: float = 60.0
     motions: bool = False
     origin: str = ""
 
@@ -193,7 +177,7 @@ class Study:
     @property
     def chunk(self) -> int:
         """Number of cases per chunk, which one worker solves and one file holds."""
-        return min(max(self.source.count // DIVISION.chunks, 1), DIVISION.largest_chunk)
+        return min(max(self.source.count // DESIRED_CHUNKS, 1), LARGEST_CHUNK)
 
     @cached_property
     def digest(self) -> str:
@@ -222,7 +206,7 @@ class Study:
     def _via_points_at_rest(self, robot: Robot) -> FloatArray | None:
         """Return the via points of the first case that the robot can hold at rest, or None."""
         family = LimitFamily.of(robot)
-        for row in self.source.rows(0, min(DIVISION.most_tried, self.source.count)):
+        for row in self.source.rows(0, min(MOST_CASES_TRIED, self.source.count)):
             with contextlib.suppress(InputError, NoTask):
                 via = task_of(self.robot, self.source.poses, self.source.values(row)).via_q
                 return check_via(family, via)

@@ -18,7 +18,7 @@ from microbot_ocp.limits._history import orders_of, samples_of
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.trajectories._shortest_duration import (
-    DURATION_SEARCH,
+    LONGEST_DURATION,
     Scaled,
     checked_shape,
     shortest_duration,
@@ -283,7 +283,7 @@ class _SplitSearch:
             pair = self.uses([split.shape, split.shape.stretched(1.0 + DIFFERENCE)], split)
             slope = (pair[1] - pair[0])[moving] / DIFFERENCE
             here, double = float(point[0]), float(np.log(2.0))
-            if here - first > np.log(DURATION_SEARCH.longest):
+            if here - first > np.log(LONGEST_DURATION):
                 return replace(split, violation=float(use.max()) - 1.0)
             too_short, enough = (here, enough) if use.max() > 1.0 else (too_short, here)
             # The use does not fall with the duration here.
@@ -291,7 +291,7 @@ class _SplitSearch:
             falls = slope < 0.0
             # The model use0 exp(slope / use0 x) in x = log T is 1 at x = -use0 log(use0) / slope.
             wanted = np.where(falls, -use * np.log(use) / np.where(falls, slope, 1.0), held)
-            change = float(np.clip(wanted.max(), -double, np.log(DURATION_SEARCH.longest)))
+            change = float(np.clip(wanted.max(), -double, np.log(LONGEST_DURATION)))
             if abs(change) <= self.tolerance or enough - too_short <= self.tolerance:
                 return replace(split, log_duration=split.log_duration + change)
             if not too_short < here + change < enough:

@@ -18,26 +18,7 @@ from microbot_ocp.robot import JointLimits, Limits, Robot
 MakeMotion = Callable[[float], PiecewisePolynomial]
 
 
-@dataclass(frozen=True)
-class DurationSearch:
-    """Settings of the search for the shortest duration.
-
-    Attributes
-    ----------
-    scan_ratio : float
-        Ratio of successive durations in a search from above, where the feasible set may have gaps.
-    longest : float
-        Longest duration, relative to the first.
-    shortest : float
-        Shortest duration, relative to the first.
-    """
-
-    scan_ratio: float = 1.05
-    longest: float = 1e6
-    shortest: float = 1e-9
-
-
-DURATION_SEARCH = DurationSearch()
+LONGEST_DURATION = 1e6  # longest duration, per first duration
 
 
 @dataclass(frozen=True)
@@ -165,6 +146,10 @@ def shortest_duration(
         return search.run(started)
 
 
+SCAN_RATIO = 1.05  # ratio of successive durations where the feasible set may have gaps
+SHORTEST_DURATION = 1e-9  # shortest duration, per first duration
+
+
 class _DurationSearch:
     """One search for the shortest duration, which counts the durations that it tries."""
 
@@ -212,7 +197,7 @@ class _DurationSearch:
         try:
             polynomial = self.make(duration)
         except InputError as problem:
-            if duration > 0.1 * DURATION_SEARCH.longest * self.first:
+            if duration > 0.1 * LONGEST_DURATION * self.first:
                 raise InputError(f"make_motion refuses every duration: {problem}") from problem
             return Peak(np.inf)
         if self.shape is None:
@@ -260,7 +245,7 @@ class _DurationSearch:
         while peak.use > 1.0:
             bad = (duration, peak)
             duration *= float(np.clip(peak.use, 1.3, 4.0))
-            if duration > DURATION_SEARCH.longest * self.first:
+            if duration > LONGEST_DURATION * self.first:
                 raise InputError(self._no_duration(bad))
             if self.shape is None and deadline.over():
                 return bad, bad
@@ -275,11 +260,11 @@ class _DurationSearch:
             duration, peak = good
             if deadline.over():
                 return good, good
-            if duration < DURATION_SEARCH.shortest * self.first:
+            if duration < SHORTEST_DURATION * self.first:
                 raise InputError(
                     "make_motion meets no limit, however short it is: no joint with a limit moves"
                 )
-            shorter = duration / DURATION_SEARCH.scan_ratio
+            shorter = duration / SCAN_RATIO
             if not self.from_above or peak.use < 0.1:
                 shorter = duration * float(np.clip(0.95 * peak.use, 0.1, 0.9))
             trial = (shorter, self.evaluate(shorter))
