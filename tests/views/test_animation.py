@@ -11,7 +11,7 @@ from PIL import Image
 
 import microbot_ocp as mo
 from microbot_ocp.tasks import Cell
-from microbot_ocp.views._style import STYLE
+from microbot_ocp.views import _palette as palette
 from microbot_ocp.views.animation import Film, write_animation
 from microbot_ocp.views.recording import of_branches, of_cell, of_motion
 
@@ -138,7 +138,7 @@ def test_a_film_of_a_cell_shows_obstacles_tubes_and_the_part_on_its_way(robot: m
     assert of_cell(around).place_names == ("pick", "place")
     film = Film(of_cell(cell))
     frames: dict[float, np.ndarray] = {}
-    wanted = {"post": (STYLE.obstacle, 0), "part": (STYLE.part, 1), "tube": (STYLE.tube, 2)}
+    wanted = {"post": (palette.OBSTACLE, 0), "part": (palette.PART, 1), "tube": (palette.TUBE, 2)}
 
     def shown(t: float, place: np.ndarray, name: str) -> bool:
         """Whether a colour is seen within five pixels of a place."""

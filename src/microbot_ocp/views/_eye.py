@@ -11,7 +11,12 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.robot import Robot
 from microbot_ocp.views._scene import link_origins, reach
 from microbot_ocp.views._solids import Solid, hidden_share
-from microbot_ocp.views._style import STYLE
+from microbot_ocp.views._style import LINK_RADIUS, TORQUE_RING
+
+SCREEN_SIZE = (1.25, 1.0)  # width and height of Rerun's view of the arms, up to a factor
+FIELD_OF_VIEW = 55.0  # vertical field of view in Rerun, deg
+EYE_TILT = 20.0  # downward angle of the eye, deg
+STEEP_EYE_TILT = 60.0  # downward angle of the eye for motions in a level plane, deg
 
 
 class Eye(NamedTuple):
@@ -66,7 +71,7 @@ def find_eye(
     towards = towards * (1.0 if side >= 0.0 else -1.0)
     height, width = np.ptp(points @ up), np.linalg.norm(np.ptp(level, axis=0))
     is_level = height - headroom < 0.12 * width
-    tilt = np.radians(STYLE.steep_tilt if is_level else STYLE.tilt)
+    tilt = np.radians(STEEP_EYE_TILT if is_level else EYE_TILT)
     seen = origins[:: max(1, len(origins) // 30), 1:].reshape(-1, 3)  # about 30 poses
     eyes = []
     for turn in np.radians([0, -45, 45, -90, 90, -135, 135, 180]):
@@ -89,12 +94,12 @@ def _fitted(
     axes = Eye(middle + towards, middle, up).axes
     across, above, depth = axes @ (points - middle).T
     centre = [(values.min() + values.max()) / 2 for values in (across, above)]
-    aspect = STYLE.screen[0] / STYLE.screen[1]
+    aspect = SCREEN_SIZE[0] / SCREEN_SIZE[1]
     # A sphere of radius r at a distance a from the axis of view is visible at a depth d if
     # a + r <= d tan(field / 2).
     away = np.maximum(np.abs(above - centre[1]), np.abs(across - centre[0]) / aspect)
-    radius = 2.0 * STYLE.ring * STYLE.link * reach(robot)
-    need = (away + radius) / np.tan(np.radians(STYLE.field) / 2)
+    radius = 2.0 * TORQUE_RING * LINK_RADIUS * reach(robot)
+    need = (away + radius) / np.tan(np.radians(FIELD_OF_VIEW) / 2)
     target = middle + centre @ axes[:2]
     return Eye(target + float((depth + 1.05 * need).max()) * towards, target, up)
 

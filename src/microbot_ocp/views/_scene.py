@@ -15,11 +15,13 @@ from microbot_ocp._base.fast_calls import buffered_call
 from microbot_ocp.limits import JOINT_QUANTITIES, LimitFamily
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Robot, forward_kinematics, frame_origins
-from microbot_ocp.views._style import STYLE
 
 if TYPE_CHECKING:
     from microbot_ocp.tasks import Comparison, Entry
 
+# Factor by which a limit may stretch an axis; a limit beyond it is named, not drawn.
+LARGEST_STRETCH = 2.0
+AXIS_MARGIN = 0.06  # margin of an axis, relative to its data
 QUANTITIES = ("q", "qd", "tau")
 POSITIONS = ("q", "error")  # drawn in degrees for revolute joints
 SIDES = {1: "upper ", -1: "lower ", 0: ""}
@@ -178,7 +180,7 @@ class AxisLimits(NamedTuple):
 def is_near(bound: float, low: float, high: float) -> bool:
     """Return whether a bound is close enough to the range low to high to be drawn."""
     span = max(high - low, 1e-9)
-    return bool(np.isfinite(bound)) and max(high, bound) - min(low, bound) <= STYLE.stretch * span
+    return bool(np.isfinite(bound)) and max(high, bound) - min(low, bound) <= LARGEST_STRETCH * span
 
 
 def near_limits(
@@ -193,7 +195,7 @@ def near_limits(
     bounds = drawn_bounds(robot, limits, quantity, joint)
     lower, upper = (bound if is_near(bound, low, high) else None for bound in bounds)
     drawn = [low, high, *(bound for bound in (lower, upper) if bound is not None)]
-    margin = STYLE.room * max(max(drawn) - min(drawn), 1e-6)
+    margin = AXIS_MARGIN * max(max(drawn) - min(drawn), 1e-6)
     far = [np.nan if bound in drawn else bound for bound in bounds]
     unit = display_unit(robot, quantity, joint)
     if np.isfinite(far).all():

@@ -29,8 +29,12 @@ from microbot_ocp.scene import (
     rotation_to,
 )
 from microbot_ocp.tasks import Cell
+from microbot_ocp.views import _palette as palette
 from microbot_ocp.views._scene import reach
-from microbot_ocp.views._style import STYLE, Color
+from microbot_ocp.views._style import Color
+
+JOINT_SIZE = (1.5, 3.6)  # radius and length of a joint's drum, in link radii
+HALF_SPACE_EDGE = 1.0  # half the edge of the drawn part of a half space, relative to the reach
 
 
 class Solid(NamedTuple):
@@ -75,7 +79,7 @@ def drawn_geometry(shapes: tuple[Shape, ...]) -> Geometry:
 
 
 def _of_shape(shape: Shape) -> Solid:
-    mesh, color = read_mesh(shape) if shape.kind == "mesh" else None, STYLE.metal
+    mesh, color = read_mesh(shape) if shape.kind == "mesh" else None, palette.METAL
     if shape.color is not None:
         red, green, blue, alpha = (*(round(255 * part) for part in shape.color), 255)[:4]
         color = (red, green, blue, alpha)
@@ -88,7 +92,7 @@ def joint_solid(kind: str, radius: float, color: Color) -> Solid:
 
     ``radius`` is the drawn radius of a link, m.
     """
-    thick, length = (factor * radius for factor in STYLE.joint)
+    thick, length = (factor * radius for factor in JOINT_SIZE)
     if kind == "revolute":
         return Solid("cylinder", np.array([thick, length]), np.eye(4), color)
     return Solid("box", np.array([2 * thick, 2 * thick, length]), np.eye(4), color)
@@ -109,13 +113,13 @@ def _ball(center: FloatArray, radius: float, color: Color) -> Solid:
 
 def obstacle_solid(obstacle: Any, robot: Robot) -> Solid:
     """Return an obstacle of a scene as a solid; a half space is a plate near the robot."""
-    color, size = STYLE.obstacle, reach(robot)
+    color, size = palette.OBSTACLE, reach(robot)
     if isinstance(obstacle, Capsule):
         return capsule_solid(obstacle, color)
     if isinstance(obstacle, HalfSpace):
         normal, base = obstacle.normal, robot.base[:3, 3]
         pose = frame_at(base + (obstacle.offset - normal @ base) * normal, rotation_to(normal))
-        edges = size * np.array([2 * STYLE.plane, 2 * STYLE.plane, 0.02])
+        edges = size * np.array([2 * HALF_SPACE_EDGE, 2 * HALF_SPACE_EDGE, 0.02])
         return Solid("plane", edges, pose, (*color[:3], 90))
     if isinstance(obstacle, Sphere):
         return _ball(obstacle.center, obstacle.radius, color)
@@ -137,9 +141,9 @@ def obstacle_solid(obstacle: Any, robot: Robot) -> Solid:
 def part_solids(payload: Payload) -> list[Solid]:
     """Return the capsules of a part; without a shape a ball of aluminium (2700 kg/m^3)."""
     if payload.shape:
-        return [capsule_solid(capsule, STYLE.part) for capsule in payload.shape]
+        return [capsule_solid(capsule, palette.PART) for capsule in payload.shape]
     radius = np.cbrt(3.0 * payload.mass / (4.0 * np.pi * 2700.0))
-    return [_ball(payload.center_of_mass, radius, STYLE.part)] if payload.mass else []
+    return [_ball(payload.center_of_mass, radius, palette.PART)] if payload.mass else []
 
 
 def frame_at(origin: FloatArray, rotation: FloatArray | None = None) -> FloatArray:

@@ -25,15 +25,25 @@ from microbot_ocp.robot import Robot, joint_scale
 from microbot_ocp.scene import rotation_to
 from microbot_ocp.tasks import read_task
 from microbot_ocp.trajectories import best_cubic, best_lspb
+from microbot_ocp.views import _palette as palette
 from microbot_ocp.views._eye import find_eye, grid_spacing, upward
 from microbot_ocp.views._scene import link_poses, reach, tool_places
-from microbot_ocp.views._style import FIXED, PREFERRED, STYLE, look, rgb
+from microbot_ocp.views._style import (
+    BOUND_COLOR,
+    FIXED,
+    FRAME_RATE,
+    LAST_FRAME,
+    LINK_RADIUS,
+    PREFERRED,
+    look,
+    rgb,
+)
 from microbot_ocp.views.animation import Faces, arm_bodies
 from microbot_ocp.views.live import LOOPBACK, InteractiveTask, NewestOnly, Setting
 from microbot_ocp.views.recording import signed_share
 
 CHARTS = {"tau": "torque, % of its limit", "qd": "velocity, % of its limit"}
-LINK, JOINT = (*rgb(FIXED[PREFERRED][0]), 255), STYLE.neutral
+LINK, JOINT = (*rgb(FIXED[PREFERRED][0]), 255), palette.NEUTRAL
 SAMPLES = 400  # samples per curve: more than the pixels of a chart, few enough for one message
 FREE = 6  # joints from which on a dragged via point keeps its orientation and can be rotated
 
@@ -214,7 +224,7 @@ class Studio(InteractiveTask):
 
     def _chart(self, title: str) -> Any:
         names = self._bare.joint_names
-        bound = {"stroke": STYLE.bound, "dash": [6, 4], "width": 1.5, "label": "limit"}
+        bound = {"stroke": BOUND_COLOR, "dash": [6, 4], "width": 1.5, "label": "limit"}
         curves = [
             {"stroke": look(joint, joints=True)["color"], "width": 2, "label": name}
             for joint, name in enumerate(names)
@@ -249,7 +259,7 @@ class Studio(InteractiveTask):
             fixed = {"disable_rotations": robot.joint_count < FREE}
             grip = scene.add_transform_controls(f"/via/{place}", 0.12 * size, **fixed)
             self._grips.append(grip)
-            radius, color = 1.4 * STYLE.link * size, STYLE.part[:3]
+            radius, color = 1.4 * LINK_RADIUS * size, palette.PART[:3]
             scene.add_icosphere(f"{grip.name}/ball", radius, color=color)
             scene.add_label(f"{grip.name}/name", f"via point {place + 1}")
             self._put(place)
@@ -276,10 +286,10 @@ class Studio(InteractiveTask):
 
     def _play(self) -> None:
         begin = time.monotonic()
-        while not self._closed.wait(1.0 / STYLE.frame_rate):
+        while not self._closed.wait(1.0 / FRAME_RATE):
             motion = self.motion
             if motion is not None and self._server.get_clients():
-                t = (time.monotonic() - begin) % (motion.duration + STYLE.hold)
+                t = (time.monotonic() - begin) % (motion.duration + LAST_FRAME)
                 self._place(motion.sample(min(t, motion.duration)).q[0])
 
     def _show(self, setting: Setting) -> None:
@@ -294,10 +304,10 @@ class Studio(InteractiveTask):
             return
         chosen = np.unique(np.linspace(0, len(motion.t) - 1, SAMPLES).astype(int))
         t, tool = motion.t[chosen], tool_places(robot, motion.q[chosen])
-        limit, thin = np.full(t.shape, 100.0), 0.2 * STYLE.link * reach(robot)
+        limit, thin = np.full(t.shape, 100.0), 0.2 * LINK_RADIUS * reach(robot)
         with self._server.atomic():
             ends = np.stack([tool[:-1], tool[1:]], axis=1)
-            scene.add_line_segments("/trail", ends, STYLE.motion[:3], thickness=thin)
+            scene.add_line_segments("/trail", ends, palette.MOTION[:3], thickness=thin)
             for key, chart in self._charts.items():
                 shares = [
                     100.0 * signed_share(robot.limits, key, values, joint)[0]

@@ -13,164 +13,33 @@ if TYPE_CHECKING:
 Color = tuple[int, int, int, int]
 LineStyle = str | tuple[float, tuple[float, ...]]
 
+PAGE = (8.27, 11.69)  # width and height of a printed page: A4, inches
+LANDSCAPE = (PAGE[1], PAGE[0])
+FIGURE_WIDTH = 9.6  # width of a figure of one column, inches
+ROW_HEIGHT = 2.3  # height of a row of panels, inches
+SMALL_FONT = 7.5  # font size of notes in figures, points
+TINY_FONT = 6.8  # font size of the text of the printed page, points
+LINE_WIDTH = 1.6  # width of a curve, points
+# Largest number of joints with one column each and with names in tables; more joints have one row
+# each, or the busiest joint represents all.
+SIDE_BY_SIDE = 4
+LINK_RADIUS = 0.021  # link radius of the solid arm, relative to the reach
+LABEL_HEIGHT = 0.075  # height between labels, relative to the reach
+# Radius of a torque arc in link radii; the arrow of a force at its limit is three times as long.
+TORQUE_RING = 3.4
+FRAME_RATE = 25.0  # frame rate of a film, Hz: 40 ms are exact in a GIF
+LAST_FRAME = 1.5  # time for which the last frame of a film is shown, s
 
-@dataclass(frozen=True)
-class Style:
-    """Sizes, colours and spacings of figures, recordings and films.
-
-    Attributes
-    ----------
-    page : (width, height)
-        Size of a printed page and, as landscape, of figures with many panels: A4, inches.
-    width, row : float
-        Width of a figure of one column, and height of a row of panels, inches.
-    lane : float
-        Height of the lane of one joint in a chart of saturation, inches.
-    small, tiny : float
-        Font sizes of notes in figures and of the text of the printed page, points.
-    line : float
-        Width of a curve, points.
-    ink, warning, bound : str
-        Colours of limits with their notes, of failures, and of limits on a light or dark page.
-    dpi, screen_dpi : int
-        Resolution of files, and of notebooks and live plots, dots per inch.
-    side_by_side : int
-        Largest number of joints with one column each and with names in tables; more joints have one
-        row each, or the busiest joint represents all.
-    points : int
-        Number of samples of a solution's curve per phase.
-    stretch : float
-        Largest factor by which a limit may stretch an axis; a limit beyond it is named, not drawn.
-    room : float
-        Margin of an axis, relative to its data.
-    rate, samples : float, int
-        Default sampling rate of a recorded arm, Hz, and largest default number of samples of all
-        arms together (38 MB for a 7R arm).
-    dashes : int
-        Number of dashes of a limit's line over the whole timeline.
-    link, ghost, plate : float
-        Link radius of the solid arm and of the first ghost, and half the edge of the base plate,
-        relative to the reach.
-    joint, mass : (radius, length), (least, most)
-        Size of a joint's drum, and range of the radii of centres of mass, in link radii.
-    film_joint : float
-        Size of joints and torque arcs in a film, relative to a recording.
-    ring : float
-        Radius of a torque arc in link radii; the arrow of a force at its limit is three times as
-        long.
-    arrow, letter, label : float
-        Longest arrow at a tool, width of a letter, and height between labels, relative to the
-        reach.
-    plane : float
-        Half the edge of the drawn part of a half space, relative to the reach.
-    see_through : int
-        Opacity of ghosts, 0 to 255.
-    neutral, near, saturated, broken : Color
-        Colours of the use of a limit: interpolated from neutral to near below the limit, saturated
-        at the limit, broken above it. They are distinct on a dark screen for any colour vision.
-    bright, dull, speed, motion, ball, variable : Color
-        Colours of marked places, of limits and base, of limits other than torque, of velocities, of
-        centres of mass, and of variables of an optimal-control problem.
-    obstacle, capsule, tube, part, metal : Color
-        Colours of obstacles, capsules of the arm, tubes of tool lines, carried parts, and geometry
-        without a colour.
-    screen : (width, height)
-        Aspect of Rerun's view of the arms.
-    field : float
-        Vertical field of view in Rerun, deg.
-    tilt, steep_tilt : float
-        Downward angle of the eye, for general motions and for motions in a level plane, deg.
-    panel : (width, height)
-        Size of the box of one curve of an iterate.
-    frame : (width, height)
-        Size of a film, inches.
-    frame_rate, hold : float
-        Frame rate of a film, Hz (40 ms is exact in a GIF), and display time of its last frame, s.
-    frames : int
-        Largest number of frames of a film.
-    patch : float
-        Longest edge of an obstacle's face in a film, relative to the reach; depth sorting needs
-        small faces.
-    triangles : int
-        Largest number of triangles of a robot's meshes in a film; larger meshes are simplified.
-    """
-
-    page: tuple[float, float] = (8.27, 11.69)
-    width: float = 9.6
-    row: float = 2.3
-    lane: float = 0.24
-    small: float = 7.5
-    tiny: float = 6.8
-    line: float = 1.6
-
-    ink: str = "0.25"
-    warning: str = "#B00020"
-    bound: str = "#888888"
-    dpi: int = 150
-    screen_dpi: int = 90
-    side_by_side: int = 4
-    points: int = 400
-    stretch: float = 2.0
-    room: float = 0.06
-    rate: float = 200.0
-    samples: int = 12_000
-    dashes: int = 40
-    link: float = 0.021
-    ghost: float = 0.0165
-    plate: float = 0.07
-    joint: tuple[float, float] = (1.5, 3.6)
-    mass: tuple[float, float] = (1.3, 2.2)
-    film_joint: float = 1.1
-    ring: float = 3.4
-    arrow: float = 0.3
-    letter: float = 0.026
-    label: float = 0.075
-    plane: float = 1.0
-    see_through: int = 110
-    neutral: Color = (130, 142, 160, 255)
-    near: Color = (240, 228, 66, 255)
-    saturated: Color = (255, 60, 150, 255)
-    broken: Color = (225, 50, 40, 255)
-    bright: Color = (245, 245, 245, 255)
-    dull: Color = (165, 165, 165, 255)
-    speed: Color = (86, 180, 233, 255)
-    motion: Color = (170, 235, 255, 255)
-    ball: Color = (60, 200, 160, 255)
-    variable: Color = (240, 150, 80, 255)
-    obstacle: Color = (205, 160, 105, 255)
-    capsule: Color = (150, 190, 230, 60)
-    tube: Color = (0, 158, 115, 110)
-    part: Color = (160, 120, 255, 255)
-    metal: Color = (190, 195, 205, 255)
-    screen: tuple[float, float] = (1.25, 1.0)
-    field: float = 55.0
-    tilt: float = 20.0
-    steep_tilt: float = 60.0
-    panel: tuple[float, float] = (1.7, 1.0)
-    frame: tuple[float, float] = (8.0, 4.5)
-    frame_rate: float = 25.0
-    hold: float = 1.5
-    frames: int = 3000
-    patch: float = 0.07
-    triangles: int = 12_000
-
-    @property
-    def landscape(self) -> tuple[float, float]:
-        """Size of the page in landscape."""
-        return self.page[1], self.page[0]
-
-    @property
-    def limit_line(self) -> dict[str, Any]:
-        """Line style of a limit in figures."""
-        return {"color": self.ink, "linestyle": "--", "linewidth": 1.0, "label": "_limit"}
-
-    @property
-    def beyond_limit(self) -> dict[str, Any]:
-        """Shade beyond a limit in figures."""
-        return {"facecolor": "0.5", "alpha": 0.18, "linewidth": 0}
-
-
-STYLE = Style()
+LIMIT_COLOR = "0.25"  # limits and their notes
+WARNING_COLOR = "#B00020"  # failures
+BOUND_COLOR = "#888888"  # limits on a light or dark page
+LIMIT_LINE: dict[str, Any] = {
+    "color": LIMIT_COLOR,
+    "linestyle": "--",
+    "linewidth": 1.0,
+    "label": "_limit",
+}
+BEYOND_LIMIT: dict[str, Any] = {"facecolor": "0.5", "alpha": 0.18, "linewidth": 0}
 
 # Palette of Okabe and Ito, which is distinct for any colour vision, with a violet and a dark green
 # instead of its yellow (too faint on white). Line styles differ as well, for prints in grey.
@@ -269,7 +138,7 @@ def look(place: int, joints: bool = False) -> dict[str, Any]:
     """Return colour, dashes and width of the curve (or joint) with an index ``place``."""
     looks = JOINT_LOOKS if joints else LOOKS
     color, dashes = looks[place % len(looks)]
-    return {"color": color, "linestyle": dashes, "linewidth": STYLE.line}
+    return {"color": color, "linestyle": dashes, "linewidth": LINE_WIDTH}
 
 
 def rgb(color: str) -> tuple[int, int, int]:

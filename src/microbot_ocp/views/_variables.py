@@ -9,7 +9,8 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.ocp.solution import PhaseSolution
-from microbot_ocp.views._style import STYLE
+
+CURVE_POINTS = 400  # samples of a solution's curve per phase
 
 Key = tuple[str, int | None, str]  # name, index of the component (None for a scalar), unit
 
@@ -27,7 +28,7 @@ class BoundedCurve:
 def dense_times(phase: PhaseSolution) -> FloatArray:
     """Return even times and both sides of every mesh point (controls may jump there), s."""
     edges, gap = phase.t[1:-1], 1e-9 * phase.duration
-    even = np.linspace(0.0, phase.duration, STYLE.points)
+    even = np.linspace(0.0, phase.duration, CURVE_POINTS)
     return np.unique(np.concatenate([even, edges - gap, edges + gap]))
 
 

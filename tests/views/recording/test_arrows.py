@@ -8,8 +8,7 @@ from helpers import any_robot
 from microbot_ocp.motion import State
 from microbot_ocp.robot import Robot, forward_kinematics, inverse_dynamics
 from microbot_ocp.views import _scene as scene
-from microbot_ocp.views._style import STYLE
-from microbot_ocp.views.recording._loads import tool_velocity, wrist_force
+from microbot_ocp.views.recording._loads import LONGEST_ARROW, tool_velocity, wrist_force
 
 H = 1e-4  # s, step of the differences
 
@@ -81,6 +80,6 @@ def test_arrows_and_curves_hold_the_velocity(comparison, recording):
         np.testing.assert_allclose(speed, np.linalg.norm(expected, axis=1), rtol=1e-6, atol=1e-7)
         largest = max(largest, speed.max())
         rows[entry.name] = np.array(arrows)[:, 0], expected
-    scale = STYLE.arrow * scene.reach(comparison.robot) / largest
+    scale = LONGEST_ARROW * scene.reach(comparison.robot) / largest
     for drawn, expected in rows.values():
         np.testing.assert_allclose(drawn, scale * expected, atol=1e-5)

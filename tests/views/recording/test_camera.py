@@ -6,9 +6,8 @@ import pytest
 import microbot_ocp as mo
 from microbot_ocp.robot import Robot
 from microbot_ocp.views import _scene as scene
-from microbot_ocp.views._eye import find_eye, grid_spacing, upward
+from microbot_ocp.views._eye import FIELD_OF_VIEW, SCREEN_SIZE, find_eye, grid_spacing, upward
 from microbot_ocp.views._solids import hidden_share, obstacle_solid
-from microbot_ocp.views._style import STYLE
 
 NOWHERE = np.zeros((0, 3))
 
@@ -50,8 +49,8 @@ def test_everything_is_in_sight_and_fills_it(place, microbot):
     eye = find_eye(robot, q, marked, 0.2)
     points = np.vstack([scene.link_origins(robot, q).reshape(-1, 3), marked])
     angles = np.abs(seen(eye, points))
-    half = np.tan(np.radians(STYLE.field) / 2)
-    share = max((angles[:, 0] / STYLE.screen[0]).max(), angles[:, 1].max()) / half
+    half = np.tan(np.radians(FIELD_OF_VIEW) / 2)
+    share = max((angles[:, 0] / SCREEN_SIZE[0]).max(), angles[:, 1].max()) / half
     assert 0.5 < share < 1.0
 
 

@@ -10,10 +10,10 @@ from reading import read, scalars
 
 import microbot_ocp as mo
 from microbot_ocp.ocp import OptimalControlProblem, SolverSettings, solve
-from microbot_ocp.views._style import STYLE
 from microbot_ocp.views.live import connected, parse_address, server
 from microbot_ocp.views.live._viewer import end_viewer, start_viewer
 from microbot_ocp.views.recording import phase_curves, record_iterations, rounded
+from microbot_ocp.views.recording._iterations import PANEL_SIZE
 
 VIA_Q = np.radians([[0, 0, 0], [-90, 90, 90]])
 TIMELINE = "iteration"
@@ -86,8 +86,8 @@ def test_torque_curves_end_at_the_limits_of_the_optimum(recorded):
     _, labels = read(path, f"{at}/axes", "Points2D:labels", TIMELINE)
     line = np.array(rows[-1][0])
     top, bottom, start, end = (float(label.split()[0]) for label in labels[-1])
-    tau = bottom - line[:, 1] / STYLE.panel[1] * (top - bottom)
-    t = start + line[:, 0] / STYLE.panel[0] * (end - start)
+    tau = bottom - line[:, 1] / PANEL_SIZE[1] * (top - bottom)
+    t = start + line[:, 0] / PANEL_SIZE[0] * (end - start)
     np.testing.assert_allclose(tau, iterations[-1].torque()[:, 2], atol=1e-3)
     assert np.abs(tau).max() == pytest.approx(200.0, abs=0.01)
     assert t[-1] == pytest.approx(motion.duration, abs=1e-5)

@@ -5,7 +5,7 @@ import pytest
 from reading import read
 
 from microbot_ocp.views import _scene as scene
-from microbot_ocp.views._style import STYLE
+from microbot_ocp.views._style import LABEL_HEIGHT
 from microbot_ocp.views.recording import PROGRESS, of_comparison
 from microbot_ocp.views.recording._blueprint import labelled_range
 
@@ -57,7 +57,7 @@ def test_labels_are_apart_at_every_moment(comparison, recording, timeline, clock
         for other in names[:i]:
             across, high = np.abs(seen[name] - seen[other]).T
             beside = across > 0.2 * scene.reach(robot)
-            apart = beside | (high > 0.9 * STYLE.label * scene.reach(robot))
+            apart = beside | (high > 0.9 * LABEL_HEIGHT * scene.reach(robot))
             # between its own samples an arm may be late by one of another arm
             assert apart.mean() > 0.995
 

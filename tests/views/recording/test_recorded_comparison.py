@@ -13,9 +13,8 @@ from microbot_ocp.motion import Motion, State
 from microbot_ocp.robot import Limits, Link, Robot, forward_kinematics
 from microbot_ocp.tasks import Comparison
 from microbot_ocp.views import _scene as scene
-from microbot_ocp.views._style import STYLE
 from microbot_ocp.views.recording import of_comparison
-from microbot_ocp.views.recording._writer import plot_path
+from microbot_ocp.views.recording._writer import LIMIT_DASHES, plot_path
 
 pytestmark = pytest.mark.slow
 
@@ -96,7 +95,7 @@ def test_limits_are_dashed_and_far_ones_left_out(recording):
     t, rows = read(recording, "/plots/qd/waist/limit_upper", "Scalars:scalars")
     assert t[-1] <= 3.4 + 1e-9
     assert {tuple(row) for row in rows} == {(2.0,), ()}
-    assert rows[2::3] == [[]] * STYLE.dashes
+    assert rows[2::3] == [[]] * LIMIT_DASHES
     with pytest.raises(ValueError, match="not enough values"):
         static(recording, "/plots/q/waist/limit_upper", "SeriesLines:names")
     (text,) = static(recording, "/summary", "TextDocument:text")

@@ -8,10 +8,11 @@ from rerun.chunk import RrdReader
 
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import Limits, Robot
-from microbot_ocp.views._style import STYLE
+from microbot_ocp.views import _palette as palette
+from microbot_ocp.views._style import TORQUE_RING
 from microbot_ocp.views.recording import arcs, of_motion, signed_share
 
-PINK = int.from_bytes(bytes(STYLE.saturated), "big")
+PINK = int.from_bytes(bytes(palette.SATURATED), "big")
 
 
 def swept_angle(points):
@@ -70,7 +71,7 @@ def test_slide_has_an_arrow_along_its_axis(tmp_path):
     arm = recording.arms[0]
     share = arm.curves["tau"][:, joint] / recording.limits.tau_max[joint]
     assert 0.2 < np.abs(share).max() < 1.0
-    np.testing.assert_allclose(vectors[:, 2], 3 * STYLE.ring * arm.look.radius * share, rtol=1e-5)
+    np.testing.assert_allclose(vectors[:, 2], 3 * TORQUE_RING * arm.look.radius * share, rtol=1e-5)
 
 
 def test_share_of_a_limit_of_zero():

@@ -11,11 +11,16 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.robot import Capsule, Robot, Shape, TriangleMesh
+from microbot_ocp.views import _palette as palette
 from microbot_ocp.views._eye import Eye
 from microbot_ocp.views._scene import link_poses, reach
 from microbot_ocp.views._solids import Solid, Tube, capsule_solid, drawn_geometry, joint_solid
-from microbot_ocp.views._style import STYLE, Color
+from microbot_ocp.views._style import LINK_RADIUS, Color
 
+FILM_JOINT = 1.1  # size of joints and torque arcs in a film, relative to a recording
+# Edge of an obstacle's face in a film, relative to the reach: depth sorting needs small faces.
+LONGEST_EDGE = 0.07
+MOST_TRIANGLES = 12_000  # triangles of a robot's meshes in a film; larger meshes are simplified
 SQUARE = np.array([[-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]])
 CUBE = np.array([s * np.roll(SQUARE[::s], k, axis=1) for k in range(3) for s in (1, -1)])
 
@@ -86,7 +91,7 @@ def arm_bodies(
     if geometry:
         return geometry
     size = reach(robot)
-    edge, radius = STYLE.patch * size, STYLE.link * size
+    edge, radius = LONGEST_EDGE * size, LINK_RADIUS * size
     bodies = [(0, Solid("cylinder", size * np.array([0.065, 0.02]), robot.base, joint))]
     starts = [robot.base[:3, 3], *np.zeros((robot.link_count, 3))]
     for frame, (start, (pose, after)) in enumerate(zip(starts, pairwise(poses), strict=True)):
@@ -94,7 +99,7 @@ def arm_bodies(
         if np.linalg.norm(end - start) > 1e-6 * size:
             bodies.append((frame, capsule_solid(Capsule(start, end, radius), link)))
     for frame, kind in enumerate(robot.chain.joint_types, start=1):
-        bodies.append((frame, joint_solid(kind, STYLE.film_joint * radius, joint)))
+        bodies.append((frame, joint_solid(kind, FILM_JOINT * radius, joint)))
     return [(frame, solid_faces(solid, edge)) for frame, solid in bodies]
 
 
@@ -107,7 +112,7 @@ def _geometry(shapes: tuple[Shape, ...]) -> tuple[tuple[int, Faces], ...]:
     while True:
         faces = [(frame, solid_faces(solid, np.inf, cell)) for frame, solid in solids]
         pairs = zip(faces, solids, strict=True)
-        if sum(len(f.corners) for (_, f), (_, s) in pairs if s.mesh) <= STYLE.triangles:
+        if sum(len(f.corners) for (_, f), (_, s) in pairs if s.mesh) <= MOST_TRIANGLES:
             return tuple(faces)
         cell = max(finest, 1.25 * cell)
 
@@ -195,7 +200,7 @@ def tube_faces(tube: Tube, size: float) -> Faces:
         ring = np.cos(angle) * side + np.sin(angle) * np.cross(direction, side)
         rings.append(point + max(tube.radius, 0.006 * size) * ring)
     corners = _between(np.array(rings))
-    color = np.array(STYLE.tube[:3]) / 255.0
+    color = np.array(palette.TUBE[:3]) / 255.0
     return Faces(corners, np.broadcast_to(color, (len(corners), 3)))
 
 

@@ -20,8 +20,10 @@ from microbot_ocp.scene import HalfSpace
 from microbot_ocp.views._eye import grid_spacing
 from microbot_ocp.views._scene import link_origins, link_poses, reach, tool_places
 from microbot_ocp.views._solids import part_solids
-from microbot_ocp.views._style import STYLE, THEMES, Color
+from microbot_ocp.views._style import LINK_RADIUS, THEMES, TORQUE_RING, Color
 from microbot_ocp.views.animation._faces import (
+    FILM_JOINT,
+    LONGEST_EDGE,
     Camera,
     Faces,
     arm_faces,
@@ -32,6 +34,7 @@ from microbot_ocp.views.animation._faces import (
 from microbot_ocp.views.plots import halo, styled
 from microbot_ocp.views.recording import TIME, AnimatedArm, Recording, arcs, signed_share
 
+FILM_SIZE = (8.0, 4.5)  # width and height of a film, inches
 SPACE_CORNERS = np.array([[0.02, 0.105], [0.61, 0.86]])  # lower left and upper right in the frame
 DASHED: Any = (0, (4, 3))
 
@@ -80,7 +83,7 @@ class Film:
         self.duration = max(float(arm.times[TIME][-1]) for arm in self.arms)
         self.nearest = self.around.nearest(self.solid.times[TIME], self.solid.q)
         with styled():
-            self.figure = Figure(figsize=STYLE.frame, dpi=dpi, facecolor=self.theme["paper"])
+            self.figure = Figure(figsize=FILM_SIZE, dpi=dpi, facecolor=self.theme["paper"])
             self.canvas = FigureCanvasAgg(self.figure)
             self._write(recording.title if title is None else title)
             self._draw_space()
@@ -128,7 +131,7 @@ class Film:
             if isinstance(obstacle, HalfSpace) and obstacle.normal @ self.up > 1.0 - 1e-9:
                 self.floor = obstacle.offset
             else:
-                self.still.append(solid_faces(solid, STYLE.patch * size))
+                self.still.append(solid_faces(solid, LONGEST_EDGE * size))
         self._frame_space(space)
         self._draw_floor(space)
 
@@ -173,7 +176,7 @@ class Film:
             low = np.minimum(low, np.maximum(around.min(axis=0), low - 0.6 * more))
             high = np.maximum(high, np.minimum(around.max(axis=0), high + 0.6 * more))
             corners[1, 1] -= 0.14
-        frame = np.array(STYLE.frame)
+        frame = np.array(FILM_SIZE)
         scale = ((corners[1] - corners[0]) * frame / (high - low)).min()
         first = (low + high) / 2 - corners.mean(axis=0) * frame / scale
         space.set_xlim(first[0], first[0] + frame[0] / scale)
@@ -274,7 +277,7 @@ class Film:
 
     def _parts(self, t: float) -> list[Faces]:
         """Return the carried parts at time t, with interpolated poses."""
-        at, edge = _sample(self.solid, t), STYLE.patch * reach(self.robot)
+        at, edge = _sample(self.solid, t), LONGEST_EDGE * reach(self.robot)
         faces = []
         for payload, poses in self.around.parts:
             after = min(int(at) + 1, len(poses) - 1)
@@ -286,7 +289,7 @@ class Film:
         """Show torque arcs around the joints of the solid arm, closed at the limit."""
         if "tau" not in self.solid.curves or not self.robot.has_dynamics:
             return
-        radius = STYLE.film_joint * STYLE.ring * STYLE.link * reach(self.robot)
+        radius = FILM_JOINT * TORQUE_RING * LINK_RADIUS * reach(self.robot)
         poses = link_poses(self.robot, _at(self.solid, t)[None])[0]
         rings, strips, colors, widths = [], [], [], []
         for joint, kind in enumerate(self.robot.joint_types):

@@ -18,10 +18,11 @@ from microbot_ocp.motion import Motion
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import Scene
 from microbot_ocp.tasks import Cell, Comparison, Progress, Step
-from microbot_ocp.views._style import STYLE, main_methods
+from microbot_ocp.views._style import FRAME_RATE, LAST_FRAME, main_methods
 from microbot_ocp.views.animation._film import Film
 from microbot_ocp.views.recording import Recording, of_cell, of_comparison, of_motion
 
+MOST_FRAMES = 3000  # largest number of frames of a film
 DPI = {".gif": 100, ".mp4": 160}
 
 
@@ -67,13 +68,13 @@ def write_animation(
     target = Path(path)
     checks.one_of("ending of path", target.suffix, DPI)
     highest = 50.0 if target.suffix == ".gif" else 240.0
-    rate = checks.number("rate", STYLE.frame_rate if rate is None else rate, "Hz", above=0.0)
+    rate = checks.number("rate", FRAME_RATE if rate is None else rate, "Hz", above=0.0)
     if rate > highest:
         raise InputError(f"rate must be at most {highest:g} Hz for {target.suffix}, not {rate:g}")
     film = Film(recording, theme, title, DPI[target.suffix])
     count = int(np.ceil(film.duration * rate)) + 1
-    if count > STYLE.frames:
-        raise InputError(f"rate must give at most {STYLE.frames} frames, not {count}")
+    if count > MOST_FRAMES:
+        raise InputError(f"rate must give at most {MOST_FRAMES} frames, not {count}")
 
     def drawn() -> Iterator[np.ndarray]:
         for k in range(count):
@@ -134,7 +135,7 @@ def _write_gif(path: Path, frames: Iterator[np.ndarray], rate: float, colors: in
     reduced = [p.quantize(palette=palette, dither=Image.Dither.NONE) for p in pictures]
     ends = np.rint(100.0 * np.arange(1, len(reduced) + 1) / rate).astype(int)
     durations = 10 * np.diff(ends, prepend=0)
-    durations[-1] += int(1000 * STYLE.hold)
+    durations[-1] += int(1000 * LAST_FRAME)
     first, *rest = reduced
     first.save(
         path, format="GIF", save_all=True, append_images=rest, duration=durations.tolist(), loop=0,
@@ -165,7 +166,7 @@ def _write_mp4(path: Path, frames: Iterator[np.ndarray], rate: float) -> None:
         writer.send(last)
         for last in frames:
             writer.send(last)
-        for _ in range(int(STYLE.hold * rate)):
+        for _ in range(int(LAST_FRAME * rate)):
             writer.send(last)
     finally:
         writer.close()

@@ -21,12 +21,14 @@ from microbot_ocp._base.needed import needed
 from microbot_ocp.limits import quantity_name
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Robot
-from microbot_ocp.views._style import STYLE, look
+from microbot_ocp.views._scene import AXIS_MARGIN
+from microbot_ocp.views._style import LIMIT_LINE, LINE_WIDTH, ROW_HEIGHT, WARNING_COLOR, look
 from microbot_ocp.views.live import InteractiveTask, Setting
 from microbot_ocp.views.plots import styled
+from microbot_ocp.views.plots._page import SCREEN_DPI
 
 QUANTITIES = ("qd", "tau")
-GRAY: dict[str, Any] = {"color": "0.72", "linewidth": STYLE.line}
+GRAY: dict[str, Any] = {"color": "0.72", "linewidth": LINE_WIDTH}
 
 
 class LivePlot:
@@ -51,8 +53,8 @@ class LivePlot:
         count = robot.joint_count
         self._panels: dict[tuple[str, int], tuple[Axes, Line2D, list[Line2D]]] = {}
         with styled():
-            size = (3.1 * count + 0.4, 0.9 * STYLE.row * len(QUANTITIES) + 0.8)
-            self.figure = Figure(figsize=size, dpi=STYLE.screen_dpi)
+            size = (3.1 * count + 0.4, 0.9 * ROW_HEIGHT * len(QUANTITIES) + 0.8)
+            self.figure = Figure(figsize=size, dpi=SCREEN_DPI)
             self._canvas = FigureCanvasAgg(self.figure)
             grid = self.figure.subplots(len(QUANTITIES), count, sharex=True, squeeze=False)
             self.figure.subplots_adjust(0.24 / count, 0.16, 0.99, 0.94, 0.22, 0.12)
@@ -65,19 +67,19 @@ class LivePlot:
                     axes.set_ylim(*_range(values, *(b[joint] for b in largest.bounds(quantity))))
                     axes.plot(reference.t, values, **GRAY)
                     (curve,) = axes.plot([], [], **solid, **moving)
-                    limits = [axes.axhline(0.0, **STYLE.limit_line, **moving) for _ in range(2)]
+                    limits = [axes.axhline(0.0, **LIMIT_LINE, **moving) for _ in range(2)]
                     self._panels[quantity, joint] = axes, curve, limits
             for name, top, bottom in zip(robot.joint_names, *grid, strict=True):
                 top.set_title(name, fontweight="bold")
                 bottom.set_xlabel("t [s]")
-            edge = {"facecolor": "white", "edgecolor": STYLE.warning, "pad": 8}
-            words: dict[str, Any] = {"ha": "center", "va": "center", "color": STYLE.warning}
+            edge = {"facecolor": "white", "edgecolor": WARNING_COLOR, "pad": 8}
+            words: dict[str, Any] = {"ha": "center", "va": "center", "color": WARNING_COLOR}
             words |= {"fontsize": 11, "bbox": edge}
             self._message = self.figure.text(0.5, 0.55, "", **words, **moving)
             handles = [
                 Line2D([], [], **solid, label="as the sliders say"),
                 Line2D([], [], **GRAY, label="under the robot's own limits"),
-                Line2D([], [], **{**STYLE.limit_line, "label": "limit"}),
+                Line2D([], [], **{**LIMIT_LINE, "label": "limit"}),
             ]
             self.figure.legend(handles=handles, loc="lower center", ncols=3, frameon=False)
             self._axes: Axes = grid[0, 0]
@@ -114,7 +116,7 @@ def _range(values: Any, lower: float, upper: float) -> tuple[float, float]:
     """Return the range of an axis: the limits, or 1.5 times the values without a limit."""
     low = lower if np.isfinite(lower) else 1.5 * min(float(values.min()), -1e-3)
     high = upper if np.isfinite(upper) else 1.5 * max(float(values.max()), 1e-3)
-    return (1 + STYLE.room) * low, (1 + STYLE.room) * high
+    return (1 + AXIS_MARGIN) * low, (1 + AXIS_MARGIN) * high
 
 
 class TimeOptimalSliders(InteractiveTask):
@@ -206,7 +208,7 @@ class TimeOptimalSliders(InteractiveTask):
     def _show(self, setting: Setting) -> None:
         message = "" if self.motion else self.message
         self._picture.value = self._draw.png(self.motion, setting.limits(self._bare), message)
-        color = "" if self.motion else f' style="color:{STYLE.warning}"'
+        color = "" if self.motion else f' style="color:{WARNING_COLOR}"'
         self._status.value = f"<b{color}>{html.escape(self.message)}</b>"
 
     def _repr_mimebundle_(self, **options: Any) -> dict[str, Any]:

@@ -10,13 +10,13 @@ from microbot_ocp.execution import Reserve
 from microbot_ocp.motion import DurationLine, Sensitivities
 from microbot_ocp.ocp import ParametricSolver
 from microbot_ocp.tasks import Front
-from microbot_ocp.views._style import STYLE
+from microbot_ocp.views._style import PAGE, ROW_HEIGHT
 from microbot_ocp.views.plots._page import AxesGrid, axes_page, styled
 
 
 def _row(axes: GivenAxes | None, count: int, height: float, title: str = "") -> AxesGrid:
     """Return axes [count]; new axes have the given height, inches."""
-    page = axes_page(axes, 1, count, size=(STYLE.page[0], height), title=title)
+    page = axes_page(axes, 1, count, size=(PAGE[0], height), title=title)
     return page.axes.ravel().view(AxesGrid)
 
 
@@ -36,7 +36,7 @@ def front(front: Front, axes: GivenAxes | None = None) -> AxesGrid:
     AxesGrid [2]
         Open circles are motions that are not certified.
     """
-    panels = _row(axes, 2, 1.5 * STYLE.row, "time against effort and peak torque")
+    panels = _row(axes, 2, 1.5 * ROW_HEIGHT, "time against effort and peak torque")
     time = [point.duration for point in front.points]
     good = [point.motion.solved and point.certificate.ok for point in front.points]
     columns = {"effort": "effort [s]", "peak_torque": "peak torque [share of its limit]"}
@@ -70,7 +70,7 @@ def acceleration_map(
         Open circles are accelerations that a known state breaks; zero is where gravity or speed
         alone need more than the torques.
     """
-    panels = _row(axes, 1, 1.5 * STYLE.row, "accelerations that torque allows")
+    panels = _row(axes, 1, 1.5 * ROW_HEIGHT, "accelerations that torque allows")
     share = 100.0 * found.speeds
     for load, proved, broken in zip(found.payloads, found.qdd_max, found.broken, strict=True):
         (line,) = panels[0].plot(share, proved, marker=".", label=f"{load:g} kg")
@@ -99,7 +99,7 @@ def prices(sensitivities: Sensitivities, axes: GivenAxes | None = None) -> AxesG
     """
     table = sensitivities.table()
     names, saved = [row[0] for row in table.rows], [row[-1] for row in table.rows]
-    height = 0.8 * STYLE.row + 0.25 * len(names)
+    height = 0.8 * ROW_HEIGHT + 0.25 * len(names)
     panels = _row(axes, 1, height, "time saved by one percent more of a limit")
     # A hollow bar marks a limit that barely binds: one percent more may make it inactive.
     filled = [row[4] == "yes" for row in table.rows]
@@ -126,7 +126,7 @@ def duration_line(line: DurationLine, axes: GivenAxes | None = None) -> AxesGrid
     AxesGrid [1]
         Slopes are short lines; a hollow mark shows that other limits bind than at the value before.
     """
-    panels = _row(axes, 1, 1.5 * STYLE.row)
+    panels = _row(axes, 1, 1.5 * ROW_HEIGHT)
     half = 0.3 * np.gradient(line.values) if line.values.size > 1 else np.zeros(1)
     ends = np.stack([-half, half])
     panels[0].plot(line.values + ends, line.duration + line.slope * ends, color="C0")
@@ -154,7 +154,7 @@ def reserve(reserve: Reserve, axes: GivenAxes | None = None) -> AxesGrid:
     AxesGrid [2]
         The bound is dashed, the least reserve that keeps it dotted.
     """
-    panels = _row(axes, 2, 1.5 * STYLE.row, "effect of a torque reserve")
+    panels = _row(axes, 2, 1.5 * ROW_HEIGHT, "effect of a torque reserve")
     share = [100.0 * trial.reserve for trial in reserve.trials]
     error = np.array([trial.error for trial in reserve.trials])
     panels[0].semilogy(share, np.where(np.isfinite(error), 1e3 * error, np.nan), marker="o")
@@ -183,7 +183,7 @@ def sparsity(solver: ParametricSolver, axes: GivenAxes | None = None) -> AxesGri
         Lines separate the phases.
     """
     program = solver.program
-    panels = _row(axes, 2, 0.5 * STYLE.page[0], solver.transcription.problem.name)
+    panels = _row(axes, 2, 0.5 * PAGE[0], solver.transcription.problem.name)
     edges = [
         np.cumsum([getattr(layout, count) for layout in program.layouts])[:-1]
         for count in ("variable_count", "row_count")

@@ -19,7 +19,18 @@ from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Robot
 from microbot_ocp.simulation import Simulation, Tracking
 from microbot_ocp.views import _scene as scene
-from microbot_ocp.views._style import STYLE, LineStyle, look
+from microbot_ocp.views._style import (
+    BEYOND_LIMIT,
+    LIMIT_COLOR,
+    LIMIT_LINE,
+    LINE_WIDTH,
+    PAGE,
+    ROW_HEIGHT,
+    SIDE_BY_SIDE,
+    SMALL_FONT,
+    LineStyle,
+    look,
+)
 from microbot_ocp.views.plots._page import AxesGrid, Page, axes_page, halo, styled
 
 PASSED = "via point passed"
@@ -230,11 +241,11 @@ def _shown_joints(robot: Robot, joints: Sequence[int] | None) -> list[int]:
 
 def _page(axes: GivenAxes | None, rows: int, joints: int, title: str) -> Page:
     """Return axes [rows, joints], laid out with a column per joint, or a row if they are many."""
-    (width, height), many = STYLE.page, joints > STYLE.side_by_side
+    (width, height), many = PAGE, joints > SIDE_BY_SIDE
     if many:
         size = (max(width, 2.6 * rows), min(height, 1.45 * joints + 1.4))
     else:
-        size = (width if joints == 1 else height, min(9.6, STYLE.row * rows + 1.3))
+        size = (width if joints == 1 else height, min(9.6, ROW_HEIGHT * rows + 1.3))
     return axes_page(axes, rows, joints, size=size, title=title, transposed=many, sharex=True)
 
 
@@ -319,7 +330,7 @@ def line_of(curve: Curve, place: int, base: bool = False) -> dict[str, Any]:
     return {
         "color": curve.color or line["color"],
         "linestyle": curve.linestyle or line["linestyle"],
-        "linewidth": 3.0 if base and not place else STYLE.line + 0.6 * curve.prominent,
+        "linewidth": 3.0 if base and not place else LINE_WIDTH + 0.6 * curve.prominent,
         "zorder": 3.0 + curve.prominent + 0.01 * place,
     }
 
@@ -329,10 +340,10 @@ def _draw_limits(axes: Axes, limits: scene.AxisLimits) -> None:
     axes.set_ylim(*limits.axis)
     for limit, edge in zip((limits.lower, limits.upper), limits.axis, strict=True):
         if limit is not None:
-            axes.axhline(limit, zorder=2, **STYLE.limit_line)
-            axes.axhspan(*sorted((limit, edge)), zorder=1, **STYLE.beyond_limit)
+            axes.axhline(limit, zorder=2, **LIMIT_LINE)
+            axes.axhspan(*sorted((limit, edge)), zorder=1, **BEYOND_LIMIT)
     if limits.far:
-        note = {"fontsize": STYLE.small, "color": STYLE.ink, "ha": "right", "va": "bottom"}
+        note = {"fontsize": SMALL_FONT, "color": LIMIT_COLOR, "ha": "right", "va": "bottom"}
         below = limits.far.startswith("lower")  # the upper edge has the line of the upper limit
         place = CORNER | {"xy": (1.0, 0.0), "path_effects": halo()} if below else CORNER
         axes.annotate(limits.far, xytext=(-2, 2), **place, **note)
@@ -342,7 +353,7 @@ def _cut(axes: Axes, bound: float) -> None:
     low, high = axes.get_ylim()
     if low < -bound or high > bound:
         axes.set_ylim(max(low, -bound), min(high, bound))
-        note = {"fontsize": STYLE.small, "color": STYLE.ink, "ha": "right", "va": "top"}
+        note = {"fontsize": SMALL_FONT, "color": LIMIT_COLOR, "ha": "right", "va": "top"}
         text = "curves go on beyond"
         axes.annotate(text, xytext=(-3, -3), path_effects=halo(), **CORNER, **note)
 
@@ -351,7 +362,7 @@ def _label_panels(
     page: Page, robot: Robot, quantities: Sequence[str], joints: Sequence[int], symbols: bool
 ) -> None:
     """Label the panels (only the first of a row if labels are equal) and name the joints."""
-    grid, many = page.axes, len(joints) > STYLE.side_by_side and page.is_new
+    grid, many = page.axes, len(joints) > SIDE_BY_SIDE and page.is_new
     named = False
     for row, quantity in zip(grid, quantities, strict=True):
         of_joints = scene.of_joints(robot, quantity)
@@ -387,10 +398,10 @@ def _handles(curves: Sequence[Curve], marked: bool, page: Page) -> list[Any]:
         handles.append(Line2D([], [], label=PASSED, **dot))
     if "_limit" in drawn:
         handles.append(limit_handle())
-        handles.append(Patch(label="beyond a limit", **STYLE.beyond_limit))
+        handles.append(Patch(label="beyond a limit", **BEYOND_LIMIT))
     if "_own limit" in drawn:
         text = "limit of the curve of its colour"
-        handles.append(Line2D([], [], color=STYLE.ink, label=text, **OWN_LIMIT))
+        handles.append(Line2D([], [], color=LIMIT_COLOR, label=text, **OWN_LIMIT))
     patches = [patch for panel in page.axes.flat for patch in panel.patches]
     shades = {p.get_facecolor() for p in patches if p.get_label() == "_saturated"}
     if shades:
@@ -402,4 +413,4 @@ def _handles(curves: Sequence[Curve], marked: bool, page: Page) -> list[Any]:
 
 def limit_handle() -> Line2D:
     """Return the legend entry of a limit."""
-    return Line2D([], [], **{**STYLE.limit_line, "label": "limit"})
+    return Line2D([], [], **{**LIMIT_LINE, "label": "limit"})

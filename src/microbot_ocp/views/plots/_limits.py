@@ -20,10 +20,17 @@ from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.tasks import Comparison
 from microbot_ocp.views import _scene as scene
+from microbot_ocp.views._scene import AXIS_MARGIN
 from microbot_ocp.views._style import (
+    BEYOND_LIMIT,
+    FIGURE_WIDTH,
     FURTHER_LIMIT_COLORS,
+    LIMIT_COLOR,
     LIMIT_COLORS,
-    STYLE,
+    LIMIT_LINE,
+    ROW_HEIGHT,
+    SMALL_FONT,
+    TINY_FONT,
     entry_title,
     failures,
     look,
@@ -31,10 +38,12 @@ from microbot_ocp.views._style import (
 from microbot_ocp.views.plots._curves import limit_handle
 from microbot_ocp.views.plots._page import AxesGrid, axes_page, styled
 
+LANE_HEIGHT = 0.24  # height of the lane of one joint, inches
+
 # Bars of the saturation chart: upper limits are plain, lower limits hatched; the bar of the torque
 # is the highest, the bar of the velocity thin.
 HEIGHTS = {"taud": 0.5, "qdd": 0.5, "qddd": 0.4, "qd": 0.26}
-JUMP_LINE: dict[str, Any] = {"color": STYLE.ink, "linestyle": ":", "linewidth": 2.0}
+JUMP_LINE: dict[str, Any] = {"color": LIMIT_COLOR, "linestyle": ":", "linewidth": 2.0}
 SWITCH_LINE: dict[str, Any] = {"color": "0.55", "linewidth": 0.8}
 
 
@@ -80,7 +89,7 @@ def limit_use(
         raise InputError("limits must bound something: this robot has none")
     for quantity in shown:
         checks.one_of("quantity with a limit", quantity, history.use)
-    size = (STYLE.width, 0.9 * STYLE.row * len(shown) + 1.3)
+    size = (FIGURE_WIDTH, 0.9 * ROW_HEIGHT * len(shown) + 1.3)
     title = f"{robot.name}, {motion.label}: use of the limits"
     page = axes_page(axes, len(shown), 1, size=size, title=title, sharex=True)
     switches = sorted({t for s in history.spells("tau") for t in (s.start, s.end)})
@@ -126,14 +135,14 @@ def _draw_use(
         line["color"] = line["color"] if of_joints else "black"
         axes.plot(history.t, drawn[:, joint], zorder=3 + 0.01 * joint, label=label, **line)
     if not of_joints and len(member.labels) > 1:
-        axes.legend(loc="best", fontsize=STYLE.small)
+        axes.legend(loc="best", fontsize=SMALL_FONT)
     for time in switches:
         axes.axvline(time, zorder=2, label="_switch", **SWITCH_LINE)
     for time in jumps:
         axes.axvline(time, zorder=5, label="_jump", **JUMP_LINE)
-    top = max(125.0, (1.0 + STYLE.room) * float(np.nanmax(drawn)))
-    axes.axhline(100.0, zorder=4, **STYLE.limit_line)
-    axes.axhspan(100.0, top, zorder=1, **STYLE.beyond_limit)
+    top = max(125.0, (1.0 + AXIS_MARGIN) * float(np.nanmax(drawn)))
+    axes.axhline(100.0, zorder=4, **LIMIT_LINE)
+    axes.axhspan(100.0, top, zorder=1, **BEYOND_LIMIT)
     axes.set_ylim(0.0, top)
     step = next((step for step in (25, 50, 100) if top <= 5.5 * step), 100 * round(top / 500))
     axes.set_yticks(sorted({100, *range(0, int(top), step)}))
@@ -194,12 +203,12 @@ def saturation(
     lane_of = {key: lane for lane, key in enumerate(titles, robot.joint_count)}
     names = [*robot.joint_names, *titles.values()]
     lanes = len(motions) * len(names)
-    size = (STYLE.width, STYLE.lane * (lanes + len(motions)) + 1.6)
+    size = (FIGURE_WIDTH, LANE_HEIGHT * (lanes + len(motions)) + 1.6)
     page = axes_page(axes, 1, 1, size=size, title=f"{robot.name}: quantities at their limits")
     panel: Axes = page.axes[0, 0]
     ticks, kinds = [], set()
     longest = max((motion.duration for motion in motions.values()), default=1.0)
-    font = STYLE.small if page.is_new else STYLE.tiny
+    font = SMALL_FONT if page.is_new else TINY_FONT
     for place, (label, motion) in enumerate(motions.items()):
         first = place * (len(names) + 1)
         rows = range(first, first + len(names))

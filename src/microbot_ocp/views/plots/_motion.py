@@ -15,8 +15,8 @@ from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.simulation import Simulation, Tracking
 from microbot_ocp.tasks import Cell, Comparison, Entry
-from microbot_ocp.views import _scene as scene
-from microbot_ocp.views._style import STYLE, entry_styles, entry_title, failures
+from microbot_ocp.views import _palette as palette, _scene as scene
+from microbot_ocp.views._style import SMALL_FONT, entry_styles, entry_title, failures
 from microbot_ocp.views.plots._curves import PASSED, Curve, curves
 from microbot_ocp.views.plots._page import AxesGrid, halo
 
@@ -103,10 +103,10 @@ def cell(cell: Cell) -> AxesGrid:
             panel.axvspan(start, end, color="0.5", alpha=0.15, linewidth=0, label="_rest")
         for start, end, load in zip(leaves, arrives[1:], task.payloads, strict=False):
             if load.mass:
-                color = np.array(STYLE.part[:3]) / 255
+                color = np.array(palette.PART[:3]) / 255
                 panel.axvspan(start, end, 0.0, 0.035, color=color, linewidth=0, label="_load")
                 if panel is page.flat[0]:
-                    note = {"fontsize": STYLE.small, "ha": "center", "va": "bottom"}
+                    note = {"fontsize": SMALL_FONT, "ha": "center", "va": "bottom"}
                     note |= {"transform": panel.get_xaxis_transform(), "path_effects": halo()}
                     panel.text((start + end) / 2, 0.045, f"{load.mass:g} kg", **note)
     (legend,) = page.figure.legends

@@ -10,18 +10,19 @@ import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
+from functools import cache
+from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from cycler import cycler
-from matplotlib import style
+from matplotlib import rc_params_from_file, style
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import Collection
 from matplotlib.colors import to_rgba, to_rgba_array
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
@@ -32,27 +33,10 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError, shown
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes
 from microbot_ocp._base.writing import made_folder, write_whole
-from microbot_ocp.views._style import JOINT_LOOKS, STYLE
+from microbot_ocp.views._style import JOINT_LOOKS, SMALL_FONT, WARNING_COLOR
 
+SCREEN_DPI = 90  # resolution of notebooks and live plots, dots per inch
 FORMATS = (".png", ".pdf", ".svg", ".jpg", ".jpeg")
-SETTINGS: dict[Any, Any] = {
-    "font.family": "DejaVu Sans",  # part of matplotlib, so figures look alike on every machine
-    "font.size": 9.0,
-    "axes.titlesize": 10.5,
-    "axes.labelsize": 9.5,
-    "legend.fontsize": 9.0,
-    "xtick.labelsize": 8.5,
-    "ytick.labelsize": 8.5,
-    "axes.prop_cycle": cycler(color=[color for color, _ in JOINT_LOOKS]),
-    "axes.grid": True,
-    "grid.color": "0.88",
-    "grid.linewidth": 0.6,
-    "axes.axisbelow": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "pdf.fonttype": 42,  # text stays text
-    "text.parse_math": False,  # names may hold a dollar sign
-}
 COLORED = {
     Text: ("color",),
     Line2D: ("color", "markeredgecolor", "markerfacecolor"),
@@ -67,12 +51,21 @@ def halo(color: str = "white") -> list[Any]:
     return [withStroke(linewidth=2.5, foreground=color)]
 
 
+@cache
+def style_sheet(name: str) -> Mapping[Any, Any]:
+    """Return the matplotlib settings of a style sheet beside this module."""
+    with as_file(files("microbot_ocp.views.plots") / f"{name}.mplstyle") as path:
+        return rc_params_from_file(path, use_default_template=False)
+
+
 def styled(changes: Mapping[str, Any] | None = None) -> Any:
     """Return a context (or decorator) with the style of this package instead of the user's.
 
     ``changes`` are further matplotlib settings.
     """
-    return style.context(["default", {**SETTINGS, **(changes if changes is not None else {})}])
+    palette = cycler(color=[color for color, _ in JOINT_LOOKS])
+    settings: dict[Any, Any] = {**style_sheet("figures"), "axes.prop_cycle": palette}
+    return style.context(["default", {**settings, **(changes if changes is not None else {})}])
 
 
 class _FigureOutput:
@@ -88,7 +81,7 @@ class _FigureOutput:
             return None
         stream = io.BytesIO()
         with styled():
-            figure_of(drawn).savefig(stream, format="png", dpi=STYLE.screen_dpi)
+            figure_of(drawn).savefig(stream, format="png", dpi=SCREEN_DPI)
         return stream.getvalue()
 
 
@@ -140,7 +133,7 @@ class Page:
         """
         figure, width = self.axes.figure, 40
         target: Any = figure if self.is_new else self.axes.flat[0]
-        place: dict[str, Any] = {"loc": "best", "fontsize": STYLE.small}
+        place: dict[str, Any] = {"loc": "best", "fontsize": SMALL_FONT}
         if self.is_new:
             width = int(13.0 * figure.get_figwidth())
             widest = max((len(str(handle.get_label())) for handle in handles), default=1)
@@ -152,15 +145,15 @@ class Page:
         legend = target.legend(
             handles=list(handles), title=warning, frameon=not self.is_new, handlelength=3.6, **place
         )
-        legend.get_title().set_color(STYLE.warning)
+        legend.get_title().set_color(WARNING_COLOR)
 
 
 def new_page(size: tuple[float, float], title: str = "") -> Figure:
     """Return an empty figure of a size in inches; the caller needs the context :func:`styled`."""
-    figure = Figure(figsize=size, layout=ConstrainedLayoutEngine(w_pad=0.07, h_pad=0.05))
+    figure = Figure(figsize=size, layout="constrained")
     FigureCanvasAgg(figure)
     if title:
-        figure.suptitle(title, fontsize=13, fontweight="bold")
+        figure.suptitle(title)
     return figure
 
 
@@ -302,7 +295,7 @@ def write(drawn: Drawn, path: str | Path, theme: str = "light", **options: Any) 
     if format not in formats:
         raise InputError(f"path must end in one of {', '.join(formats)}, not {target.suffix!r}")
     undated = {"CreationDate": None} if format == "pdf" else None  # files are reproducible
-    settings = {"dpi": STYLE.dpi, "metadata": undated, **options}
+    settings = {"metadata": undated, **options}
     with styled(), darkened(figure) if theme == "dark" else nullcontext():
         figure.savefig(stream, format=format, **settings)
     return write_whole(target, stream.getvalue())

@@ -17,7 +17,16 @@ from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.robot import Robot
 from microbot_ocp.tasks import Comparison
 from microbot_ocp.views import _scene as scene
-from microbot_ocp.views._style import STYLE, EntryStyle, entry_styles, failures, look
+from microbot_ocp.views._style import (
+    FIGURE_WIDTH,
+    LANDSCAPE,
+    LINE_WIDTH,
+    ROW_HEIGHT,
+    EntryStyle,
+    entry_styles,
+    failures,
+    look,
+)
 from microbot_ocp.views.plots._motion import legend_title
 from microbot_ocp.views.plots._page import (
     AxesGrid,
@@ -89,11 +98,11 @@ def draw_paths(
 
 def _page(comparison: Comparison, axes: GivenAxes | None) -> Page:
     if axes is not None:
-        page = axes_page(axes, 1, 3, size=STYLE.landscape)
+        page = axes_page(axes, 1, 3, size=LANDSCAPE)
         if not isinstance(page.axes[0, 0], Axes3D):
             raise InputError("axes must begin with three-dimensional ones, projection='3d'")
         return page
-    figure = new_page(STYLE.landscape, f"{comparison.robot.name}: tool paths")
+    figure = new_page(LANDSCAPE, f"{comparison.robot.name}: tool paths")
     grid = figure.add_gridspec(2, 2, width_ratios=(1.35, 1.0))
     space = figure.add_subplot(grid[:, 0], axes_class=ShownAxes3D)
     above, side = (figure.add_subplot(grid[row, 1], axes_class=ShownAxes) for row in (0, 1))
@@ -113,7 +122,7 @@ def _path_line(style: EntryStyle) -> dict[str, Any]:
     return {
         "color": style.color,
         "linestyle": style.linestyle,
-        "linewidth": 3.4 if style.highlighted else STYLE.line,
+        "linewidth": 3.4 if style.highlighted else LINE_WIDTH,
         "zorder": 2 if style.highlighted else 3,
     }
 
@@ -238,7 +247,7 @@ def arms(
     q = np.array([checks.array(f"pose {k!r}", v, shape, "rad") for k, v in poses.items()])
     drawn_arms = scene.link_origins(robot, q)
     point = None if target is None else checks.array("target", target, (3,), "m")
-    size, space = (STYLE.width, 2.7 * STYLE.row), {"axes_class": ShownAxes3D}
+    size, space = (FIGURE_WIDTH, 2.7 * ROW_HEIGHT), {"axes_class": ShownAxes3D}
     page = axes_page(axes, 1, 1, size=size, title=title or robot.name, subplot_kw=space)
     panel: Any = page.axes[0, 0]
     if not isinstance(panel, Axes3D):

@@ -16,7 +16,14 @@ from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.planning import PathLimit, PhasePlane, phase_plane as make_plane
 from microbot_ocp.robot import Robot
 from microbot_ocp.views._scene import limit_text
-from microbot_ocp.views._style import STYLE, look
+from microbot_ocp.views._style import (
+    BEYOND_LIMIT,
+    FIGURE_WIDTH,
+    LINE_WIDTH,
+    ROW_HEIGHT,
+    WARNING_COLOR,
+    look,
+)
 from microbot_ocp.views.plots._page import axes_page, halo, styled
 
 FURTHER: dict[str, Any] = {"color": "black", "linestyle": (0.0, (8.0, 1.0, 2.0, 1.0))}
@@ -70,7 +77,7 @@ def phase_plane(
         plane = make_plane(robot, plane)
     duration = f", {plane.duration:.3f} s" if plane.feasible else ""
     title = title or f"{robot.name}: phase plane of the path{duration}"
-    page = axes_page(axes, 1, 1, size=(STYLE.width, 2.7 * STYLE.row), title=title)
+    page = axes_page(axes, 1, 1, size=(FIGURE_WIDTH, 2.7 * ROW_HEIGHT), title=title)
     panel: Axes = page.axes[0, 0]
     top = _top(plane)
     handles = _draw_bounds(panel, robot, plane, top)
@@ -80,10 +87,10 @@ def phase_plane(
     panel.set_xlabel(f"path parameter s [{unit}]" if unit else "path parameter s")
     panel.set_ylabel(f"ds/dt [{unit or 1}/s]")
     if not plane.feasible:
-        panel.axvline(plane.blocked_at, color=STYLE.warning, linewidth=STYLE.line)
+        panel.axvline(plane.blocked_at, color=WARNING_COLOR, linewidth=LINE_WIDTH)
         text = f"not solved: the end cannot be reached from s = {plane.blocked_at:.4g}"
         corner: dict[str, Any] = {"xy": (0.02, 0.97), "xycoords": "axes fraction", "va": "top"}
-        panel.annotate(text, color=STYLE.warning, path_effects=halo(), **corner)
+        panel.annotate(text, color=WARNING_COLOR, path_effects=halo(), **corner)
     page.legend(handles, 3)
     return panel
 
@@ -120,8 +127,8 @@ def _top(plane: PhasePlane) -> float:
 def _draw_bounds(axes: Axes, robot: Robot, plane: PhasePlane, top: float) -> list[Any]:
     s, far = plane.s, 10.0 * top
     for low, high in ((np.minimum(plane.bound, far), far), (0.0, plane.least)):
-        axes.fill_between(s, low, high, zorder=1, **STYLE.beyond_limit)
-    handles: list[Any] = [Patch(label="inadmissible", **STYLE.beyond_limit)]
+        axes.fill_between(s, low, high, zorder=1, **BEYOND_LIMIT)
+    handles: list[Any] = [Patch(label="inadmissible", **BEYOND_LIMIT)]
     whose = "velocity limits" if (plane.velocity_joint < 0).any() else "joint velocity limits"
     black: dict[str, Any] = {"color": "black", "label": "maximum-velocity curve (torque)"}
     dashed: dict[str, Any] = {"color": "0.35", "label": whose, "linestyle": (0.0, (6.0, 2.0))}

@@ -22,7 +22,11 @@ from microbot_ocp.robot import Robot
 from microbot_ocp.tasks import Comparison
 from microbot_ocp.views import _scene as scene
 from microbot_ocp.views._style import (
-    STYLE,
+    LINE_WIDTH,
+    PAGE,
+    SIDE_BY_SIDE,
+    TINY_FONT,
+    WARNING_COLOR,
     entry_styles,
     entry_title,
     failure_sentence,
@@ -31,18 +35,11 @@ from microbot_ocp.views._style import (
 from microbot_ocp.views.plots._curves import draw_panel
 from microbot_ocp.views.plots._limits import saturation
 from microbot_ocp.views.plots._motion import entry_curves
-from microbot_ocp.views.plots._page import new_page, styled, write
+from microbot_ocp.views.plots._page import new_page, style_sheet, styled, write
 from microbot_ocp.views.plots._paths import draw_paths
 from microbot_ocp.views.tables import narrow_table
 
 LINE = 142  # characters per line of text
-SMALL = STYLE.tiny
-SIZES = {
-    "axes.titlesize": 8.5,
-    "axes.labelsize": STYLE.small,
-    "xtick.labelsize": SMALL,
-    "ytick.labelsize": SMALL,
-}
 
 
 def report(comparison: Comparison, path: str | Path, *, footer: str | None = None) -> Path:
@@ -63,7 +60,7 @@ def report(comparison: Comparison, path: str | Path, *, footer: str | None = Non
     return write(report_figure(comparison, footer=footer), path)
 
 
-@styled(SIZES)
+@styled(style_sheet("report"))
 def report_figure(comparison: Comparison, *, footer: str | None = None) -> Figure:
     """Return the page of :func:`report` as a figure."""
     robot, chosen = comparison.robot, main_methods(comparison)
@@ -79,7 +76,7 @@ def report_figure(comparison: Comparison, *, footer: str | None = None) -> Figur
         max(1.0, min(2.6, 0.135 * lanes + 0.5)),
         0.125 * (closing.count("\n") + 2),
     )
-    figure = new_page(STYLE.page)
+    figure = new_page(PAGE)
     # Margins (left, bottom, width, height) that a printer needs.
     figure.set_layout_engine("constrained", rect=(0.06, 0.03, 0.88, 0.94))
     grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
@@ -99,7 +96,7 @@ def report_figure(comparison: Comparison, *, footer: str | None = None) -> Figur
     if legend := panel.get_legend():
         legend.set_loc("lower right")
         for text in legend.get_texts():
-            text.set_fontsize(SMALL)
+            text.set_fontsize(TINY_FONT)
     _write(figure.add_subplot(grid[6]), closing)
     figure.supxlabel(_footer() if footer is None else footer, fontsize=6.0, color="0.3", x=0.5)
     return figure
@@ -108,7 +105,7 @@ def report_figure(comparison: Comparison, *, footer: str | None = None) -> Figur
 def _write(axes: Axes, text: str, **style: Any) -> None:
     axes.axis("off")
     place = 0.5 if style else 0.0
-    style = {"fontsize": SMALL, "va": "top", "linespacing": 1.35, **style}
+    style = {"fontsize": TINY_FONT, "va": "top", "linespacing": 1.35, **style}
     axes.text(place, 1.0, text, transform=axes.transAxes, **style)
 
 
@@ -140,7 +137,7 @@ def _draw_table(axes: Axes, comparison: Comparison, text: str) -> None:
     axes.axis("off")
     axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
     head, *rows = text.splitlines()
-    size = min(STYLE.tiny + 0.4, 780 / max(map(len, [head, *rows])))  # largest size that fits
+    size = min(TINY_FONT + 0.4, 780 / max(map(len, [head, *rows])))  # largest size that fits
     style: dict[str, Any] = {"family": "DejaVu Sans Mono", "fontsize": size, "va": "center"}
     step = 1.0 / (len(rows) + 1)
     axes.text(0.05, 1.0 - step / 2, head, fontweight="bold", **style)
@@ -149,11 +146,11 @@ def _draw_table(axes: Axes, comparison: Comparison, text: str) -> None:
     ):
         height = 1.0 - (place + 0.5) * step
         axes.axhline(1.0 - place * step, color="0.8", linewidth=0.6)
-        color = "black" if entry.motion else STYLE.warning
+        color = "black" if entry.motion else WARNING_COLOR
         axes.text(0.05, height, row, color=color, **style)
         if entry.motion is not None:
             line: dict[str, Any] = {"color": look.color, "linestyle": look.linestyle}
-            axes.plot([0.0, 0.04], [height] * 2, linewidth=STYLE.line, **line)
+            axes.plot([0.0, 0.04], [height] * 2, linewidth=LINE_WIDTH, **line)
 
 
 def _draw_curves(place: Any, comparison: Comparison, chosen: list[str]) -> None:
@@ -177,17 +174,17 @@ def _draw_curves(place: Any, comparison: Comparison, chosen: list[str]) -> None:
     if len(joints) < robot.joint_count:
         corner: Any = {"xycoords": "axes fraction", "textcoords": "offset points"}
         text = f"the {len(joints)} joints nearest to their limits"
-        panels[0][0].annotate(text, (0, 1), xytext=(0, 26), fontsize=SMALL, **corner)
+        panels[0][0].annotate(text, (0, 1), xytext=(0, 26), fontsize=TINY_FONT, **corner)
 
 
 def _busiest(comparison: Comparison, chosen: list[str]) -> list[int]:
     """Return the joints with the largest use of their torque limits, in ascending order."""
     peak = np.zeros(comparison.robot.joint_count)
-    for motion in (comparison.motions[name] for name in chosen if len(peak) > STYLE.side_by_side):
+    for motion in (comparison.motions[name] for name in chosen if len(peak) > SIDE_BY_SIDE):
         history = limit_history(comparison.robot, motion, comparison.limits)
         if "tau" in history.use:
             peak = np.maximum(peak, history.use["tau"].max(axis=0))
-    return sorted(np.argsort(-peak, kind="stable")[: STYLE.side_by_side].tolist())
+    return sorted(np.argsort(-peak, kind="stable")[:SIDE_BY_SIDE].tolist())
 
 
 def _closing_text(comparison: Comparison, table: Table) -> str:

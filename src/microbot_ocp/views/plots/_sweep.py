@@ -14,7 +14,14 @@ from microbot_ocp._base.showing import DrawnAxes, GivenAxes
 from microbot_ocp._base.status import Status
 from microbot_ocp.sweeps import Sweep
 from microbot_ocp.views._scene import limit_title
-from microbot_ocp.views._style import STYLE, look, method_title
+from microbot_ocp.views._style import (
+    FIGURE_WIDTH,
+    ROW_HEIGHT,
+    SMALL_FONT,
+    WARNING_COLOR,
+    look,
+    method_title,
+)
 from microbot_ocp.views.plots._page import axes_page, styled
 
 KINDS = ("atlas", "limits", "quantities", "failures")
@@ -67,7 +74,7 @@ def _maps(results: Sweep, axes: GivenAxes | None, title: str) -> Any:
     away = np.hypot(x, y)
     spans = [np.ptp(v[np.isfinite(v)]) or 1.0 for v in (x, y, away, z)]
     ratios = {"width_ratios": [spans[0] / spans[1], spans[2] / spans[3]]}
-    size = (STYLE.width, 2 * STYLE.row)
+    size = (FIGURE_WIDTH, 2 * ROW_HEIGHT)
     page = axes_page(axes, 1, 2, size=size, title=title, gridspec_kw=ratios)
     above, side = page.axes[0]
     above.set(xlabel="x of the goal [m]", ylabel="y of the goal [m]", aspect="equal")
@@ -156,14 +163,14 @@ def _trends(results: Sweep, axes: GivenAxes | None, method: str) -> Any:
 def _failures(results: Sweep, axes: GivenAxes | None, _: str | None) -> Any:
     """Draw a bar for each of the ten most frequent failures."""
     failures = results.summary().failures[:10]
-    size = (STYLE.width, 1.4 + 0.42 * max(len(failures), 1))
+    size = (FIGURE_WIDTH, 1.4 + 0.42 * max(len(failures), 1))
     page = axes_page(axes, 1, 1, size=size, title="Not solved")
     panel, places = page.axes[0, 0], np.arange(len(failures))[::-1]
     counts = [failure.count for failure in failures]
-    bars = panel.barh(places, counts, color=STYLE.warning, alpha=0.7, height=0.6)
+    bars = panel.barh(places, counts, color=WARNING_COLOR, alpha=0.7, height=0.6)
     panel.bar_label(bars, [f" {count:,}" for count in counts])
     labels = [f"{f.status}: {checks.shortened(f.reason, 80)}\n(case {f.case})" for f in failures]
-    panel.set_yticks(places, labels, fontsize=STYLE.small)
+    panel.set_yticks(places, labels, fontsize=SMALL_FONT)
     panel.set_xlabel("cases")
     panel.grid(axis="y", visible=False)
     panel.margins(x=0.12)

@@ -12,7 +12,7 @@ from microbot_ocp.limits import LimitFamily, LimitHistory
 from microbot_ocp.motion import Mark, Motion, State, history_of, jump_gaps, mesh_of, torque_along
 from microbot_ocp.robot import Robot
 from microbot_ocp.views._scene import display_factor, reach
-from microbot_ocp.views._style import STYLE, Color, EntryStyle, rgb
+from microbot_ocp.views._style import LINK_RADIUS, Color, EntryStyle, rgb
 from microbot_ocp.views.recording._writer import (
     BRANCH,
     PROGRESS,
@@ -22,6 +22,11 @@ from microbot_ocp.views.recording._writer import (
     Writer,
     plot_path,
 )
+
+SAMPLING_RATE = 200.0  # default sampling rate of a recorded arm, Hz
+MOST_SAMPLES = 12_000  # largest default number of samples of all arms: 38 MB for a 7R arm
+GHOST_RADIUS = 0.0165  # link radius of the first ghost, relative to the reach
+GHOST_OPACITY = 110  # opacity of ghosts, 0 to 255
 
 
 @dataclass(frozen=True)
@@ -39,7 +44,7 @@ class Look:
     @property
     def color(self) -> Color:
         """Colour of the surfaces, transparent for a ghost."""
-        return (*self.line_color[:3], 255 if self.solid else STYLE.see_through)
+        return (*self.line_color[:3], 255 if self.solid else GHOST_OPACITY)
 
     @property
     def line_color(self) -> Color:
@@ -53,9 +58,11 @@ def looks(robot: Robot, styles: Sequence[EntryStyle]) -> list[Look]:
 
     Every ghost has another radius, because coincident surfaces flicker.
     """
-    size, thinner = reach(robot), STYLE.ghost / 15
+    size, thinner = reach(robot), GHOST_RADIUS / 15
     return [
-        Look(style, size * (STYLE.link if style.highlighted else STYLE.ghost - thinner * min(k, 8)))
+        Look(
+            style, size * (LINK_RADIUS if style.highlighted else GHOST_RADIUS - thinner * min(k, 8))
+        )
         for k, style in enumerate(styles)
     ]
 
@@ -188,9 +195,9 @@ def _rate_beyond(robot: Robot, motion: Motion, t: FloatArray) -> FloatArray:
 def drawn_rate(rate: float | None, motions: Sequence[Motion]) -> tuple[float, str]:
     """Return ``rate`` or a default (Hz) that bounds the size of a recording, and a note on it."""
     together = sum(motion.duration for motion in motions)
-    if rate is not None or STYLE.rate * together <= STYLE.samples:
-        return rate or STYLE.rate, ""
-    most = STYLE.samples / together
+    if rate is not None or SAMPLING_RATE * together <= MOST_SAMPLES:
+        return rate or SAMPLING_RATE, ""
+    most = MOST_SAMPLES / together
     return most, f"Drawn at {most:.3g} Hz, because the motion is long; rate= sets another rate."
 
 

@@ -20,7 +20,7 @@ from microbot_ocp.simulation import Tracking
 from microbot_ocp.tasks import Cell, Comparison
 from microbot_ocp.views._scene import display_factor, display_unit, solved_entries, tool_places
 from microbot_ocp.views._solids import DrawnSurroundings, frame_at
-from microbot_ocp.views._style import FIXED, PREFERRED, STYLE, EntryStyle, entry_styles
+from microbot_ocp.views._style import FIXED, PREFERRED, SIDE_BY_SIDE, EntryStyle, entry_styles
 from microbot_ocp.views.recording._animated_arm import drawn_rate, looks, moving_arm, standing_arm
 from microbot_ocp.views.recording._limits import peak_table
 from microbot_ocp.views.recording._recording import Recording
@@ -184,7 +184,7 @@ def of_branches(
     styles = [_ghost(f"branch_{k}", "") for k in range(1, len(q) + 1)]
     shown = looks(robot, [*styles, _solid("solution", "")])
     ghosts = [standing_arm(q[k : k + 1], look) for k, look in enumerate(shown[:-1])]
-    turned, named = orientation is not None, robot.joint_count <= STYLE.side_by_side
+    turned, named = orientation is not None, robot.joint_count <= SIDE_BY_SIDE
     table = solutions_table(robot, solutions, turned=turned, named=named)
     pairs = zip(table.rows, solutions, strict=True)
     rows = [[str(k), *row, s.status] for k, (row, s) in enumerate(pairs, 1)]

@@ -19,14 +19,23 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.solution import Iteration, PhaseSolution
 from microbot_ocp.planning import MotionIteration
 from microbot_ocp.tasks import Step
-from microbot_ocp.views import _scene as scene
+from microbot_ocp.views import _palette as palette, _scene as scene
 from microbot_ocp.views._eye import find_eye
-from microbot_ocp.views._style import STYLE
+from microbot_ocp.views._style import LABEL_HEIGHT, SIDE_BY_SIDE
 from microbot_ocp.views._variables import BoundedCurve, variable_curves
 from microbot_ocp.views.recording import _blueprint as layout
 from microbot_ocp.views.recording._space import draw_base
-from microbot_ocp.views.recording._writer import MARKS, WORLD, Times, Writer, file_writer, plot_path
+from microbot_ocp.views.recording._writer import (
+    LIMIT_DASHES,
+    MARKS,
+    WORLD,
+    Times,
+    Writer,
+    file_writer,
+    plot_path,
+)
 
+PANEL_SIZE = (1.7, 1.0)  # width and height of the box of one curve of an iterate
 ITERATION = "iteration"  # timeline: number of iterations of all solvers so far
 ARM = f"{WORLD}/iterate"
 APPLICATION = "microbot_ocp_iterations"  # a viewer keeps one layout per application
@@ -55,7 +64,7 @@ class IterationRecorder:
         if not isinstance(iteration, Iteration):
             self.finish()
             text = event.text if isinstance(event, Step) else str(event)
-            row = rr.TextLog.columns(text=[text], level=["INFO"], color=[STYLE.motion])
+            row = rr.TextLog.columns(text=[text], level=["INFO"], color=[palette.MOTION])
             self.writer.columns(MARKS, self._now, row)
             return
         if self._pending is not None and iteration.number <= self._pending.number:
@@ -98,7 +107,7 @@ class IterationRecorder:
             _prepare_panel(self.writer, _path(name))
         for path in (COST, INFEASIBILITY):
             name = path.removeprefix("convergence/")
-            self.writer.static(path, rr.SeriesLines(names=name, colors=STYLE.speed, widths=1.5))
+            self.writer.static(path, rr.SeriesLines(names=name, colors=palette.SPEED, widths=1.5))
         if isinstance(iteration, MotionIteration):
             _prepare_arm(self.writer, iteration)
         self.writer.stream.send_blueprint(_blueprint(iteration, curves))
@@ -188,14 +197,14 @@ def _prepare_arm(writer: Writer, iteration: MotionIteration) -> None:
     robot, size = iteration.robot, scene.reach(iteration.robot)
     names = [f"via {i + 1}" for i in range(len(iteration.via_q))]
     draw_base(writer, robot, scene.tool_places(robot, iteration.via_q), names)
-    writer.strips(f"{ARM}/trail", 0.006 * size, STYLE.speed)
-    writer.strips(f"{ARM}/earlier", 0.0015 * size, (*STYLE.speed[:3], 70))
-    writer.strips(f"{ARM}/poses", 0.0025 * size, STYLE.neutral)
+    writer.strips(f"{ARM}/trail", 0.006 * size, palette.SPEED)
+    writer.strips(f"{ARM}/earlier", 0.0015 * size, (*palette.SPEED[:3], 70))
+    writer.strips(f"{ARM}/poses", 0.0025 * size, palette.NEUTRAL)
 
 
 def _blueprint(iteration: Iteration, curves: Mapping[str, BoundedCurve]) -> rrb.Blueprint:
     """Return the layout: the arm (if any) at the left, curves at the right, convergence below."""
-    (width, height), views = STYLE.panel, {}
+    (width, height), views = PANEL_SIZE, {}
     bounds = rrb.VisualBounds2D(x_range=(-0.42, width + 0.12), y_range=(-height - 0.1, 0.24))
     for key in curves:
         group, variable, unit = key.split("/", 2)
@@ -204,7 +213,7 @@ def _blueprint(iteration: Iteration, curves: Mapping[str, BoundedCurve]) -> rrb.
         panel = rrb.Spatial2DView(origin=_path(key), name=name, visual_bounds=bounds)
         views.setdefault(group, []).append(panel)
     widest = max(map(len, views.values()))
-    wide = widest > STYLE.side_by_side
+    wide = widest > SIDE_BY_SIDE
     if isinstance(iteration, MotionIteration) and not wide:
         shown = rrb.Grid(*(v for row in views.values() for v in row), grid_columns=widest)
     elif len(views) == 1:
@@ -227,21 +236,21 @@ def _space(iteration: MotionIteration) -> rrb.Spatial3DView:
     """Return the view of the arm in space, with faint tool paths of the last eight iterations."""
     robot, q = iteration.robot, np.vstack([iteration.via_q, iteration.motion()[1].q])
     places = scene.tool_places(robot, iteration.via_q)
-    eye = find_eye(robot, q, places, STYLE.label * scene.reach(robot))
+    eye = find_eye(robot, q, places, LABEL_HEIGHT * scene.reach(robot))
     behind = rrb.VisibleTimeRanges([layout.behind_cursor(ITERATION, 8)])
     return layout.space_view(robot, eye, {f"{ARM}/earlier": behind})
 
 
 def _prepare_panel(writer: Writer, path: str) -> None:
     """Log the box and the line styles of a panel. Negative radii are screen points."""
-    width, height = STYLE.panel
+    width, height = PANEL_SIZE
     corners = [[0, 0], [0, -height], [width, -height], [width, 0], [0, 0]]
-    box = rr.LineStrips2D([corners], radii=-0.5, colors=[STYLE.neutral])
+    box = rr.LineStrips2D([corners], radii=-0.5, colors=[palette.NEUTRAL])
     writer.static(f"{path}/box", box)
-    for leaf, color, radius in (("curve", STYLE.speed, -1.2), ("limits", STYLE.dull, -0.6)):
+    for leaf, color, radius in (("curve", palette.SPEED, -1.2), ("limits", palette.DULL, -0.6)):
         look = rr.LineStrips2D.from_fields(radii=[radius], colors=[color])
         writer.static(f"{path}/{leaf}", look)
-    invisible = rr.Points2D.from_fields(radii=[-0.0], colors=[STYLE.dull], show_labels=True)
+    invisible = rr.Points2D.from_fields(radii=[-0.0], colors=[palette.DULL], show_labels=True)
     writer.static(f"{path}/axes", invisible)
 
 
@@ -252,7 +261,7 @@ def _draw_panel(writer: Writer, path: str, times: Times, curve: BoundedCurve) ->
     """
     finite = curve.values[np.isfinite(curve.values)]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
-    size, (width, height) = _size(low, high), STYLE.panel
+    size, (width, height) = _size(low, high), PANEL_SIZE
     near = [limit for limit in (curve.lower, curve.upper) if scene.is_near(limit, low, low + size)]
     bottom, top = rounded(min(low, *near, high), max(high, *near, low))
     end = rounded(0.0, float(curve.t[-1]))[1]
@@ -266,7 +275,7 @@ def _draw_panel(writer: Writer, path: str, times: Times, curve: BoundedCurve) ->
 
     shown = np.nan_to_num(curve.values, nan=bottom, posinf=top, neginf=bottom)
     draw_lines("curve", [place(curve.t, shown)])
-    edges = np.linspace(0.0, end, 2 * STYLE.dashes).reshape(-1, 2)
+    edges = np.linspace(0.0, end, 2 * LIMIT_DASHES).reshape(-1, 2)
     draw_lines("limits", [place(edge, np.full(2, limit)) for limit in near for edge in edges])
     labels = [f"{top:g}", f"{bottom:g}", "0", f"{end:g} s"]
     places = [[-0.2, -height - 0.08], [-0.2, -0.08], [0.0, 0.04], [width, 0.04]]

@@ -16,9 +16,10 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.limits import AT_LIMIT, LIMIT_TOLERANCE, LimitValues, Member, quantity_name
 from microbot_ocp.motion import Mark
 from microbot_ocp.robot import JointLimits, Robot
+from microbot_ocp.views import _palette as palette
 from microbot_ocp.views._eye import upward
 from microbot_ocp.views._scene import SIDES, limit_text, reach, tool_places
-from microbot_ocp.views._style import STYLE, Color
+from microbot_ocp.views._style import Color
 from microbot_ocp.views.recording._animated_arm import AnimatedArm
 from microbot_ocp.views.recording._writer import MARKS, TIME, Times, Writer, plot_path
 
@@ -207,8 +208,8 @@ def _draw_lanes(
 
 def _lane_color(state: str) -> Color:
     if "beyond" in state:
-        return STYLE.broken
-    return STYLE.saturated if quantity_name("tau") in state else STYLE.speed
+        return palette.BROKEN
+    return palette.SATURATED if quantity_name("tau") in state else palette.SPEED
 
 
 def _draw_switches(
@@ -218,7 +219,7 @@ def _draw_switches(
     if not switches:
         return
     at = np.array([switch.sample for switch in switches])
-    colors = [STYLE.saturated if switch.begins else STYLE.bright for switch in switches]
+    colors = [palette.SATURATED if switch.begins else palette.BRIGHT for switch in switches]
     path, places = arm.path("switches"), tool_places(robot, arm.q[at])
     writer.static(path, rr.Points3D.from_fields(radii=[0.5 * arm.look.radius]))
     points = rr.Points3D.columns(positions=places, colors=colors)

@@ -14,11 +14,14 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.fast_calls import buffered_call
 from microbot_ocp.motion import State
 from microbot_ocp.robot import JointLimits, Robot, forward_kinematics, jacobian
+from microbot_ocp.views import _palette as palette
 from microbot_ocp.views._scene import reach
-from microbot_ocp.views._style import STYLE, Color
+from microbot_ocp.views._style import TORQUE_RING, Color
 from microbot_ocp.views.recording._animated_arm import AnimatedArm
 from microbot_ocp.views.recording._limits import signed_share
 from microbot_ocp.views.recording._writer import Writer, plot_path
+
+LONGEST_ARROW = 0.3  # longest arrow at a tool, relative to the reach
 
 
 def draw_torques(writer: Writer, robot: Robot, limits: JointLimits, arm: AnimatedArm) -> None:
@@ -26,7 +29,7 @@ def draw_torques(writer: Writer, robot: Robot, limits: JointLimits, arm: Animate
 
     A thin circle or line shows the limit.
     """
-    size, ring = arm.look.radius, STYLE.ring * arm.look.radius
+    size, ring = arm.look.radius, TORQUE_RING * arm.look.radius
     circle = arcs(np.array([1.0]), ring)[0, :-3]
     whole, beside = np.array([0.0, 0.0, 3.0 * ring]), np.array([ring, 0.0, 0.0])
     for joint, kind in enumerate(robot.joint_types):
@@ -46,7 +49,7 @@ def draw_torques(writer: Writer, robot: Robot, limits: JointLimits, arm: Animate
                 radii=np.where(at_limit, 0.8, 0.5) * size,
                 colors=colors,
             )
-        thin = rr.LineStrips3D(limit, radii=[0.06 * size], colors=[STYLE.neutral])
+        thin = rr.LineStrips3D(limit, radii=[0.06 * size], colors=[palette.NEUTRAL])
         writer.static(f"{path}/limit", thin)
         writer.columns(path, arm.times, columns)
 
@@ -70,9 +73,9 @@ def arcs(share: FloatArray, radius: float) -> FloatArray:
 def _share_colors(share: FloatArray, at_limit: np.ndarray) -> np.ndarray:
     """Return colours [N,4] for shares [N] of a limit and the mask [N] of samples at the limit."""
     part = np.clip(np.abs(share), 0.0, 1.0)[:, None]
-    low, high = np.array(STYLE.neutral, dtype=float), np.array(STYLE.near, dtype=float)
+    low, high = np.array(palette.NEUTRAL, dtype=float), np.array(palette.NEAR, dtype=float)
     colors = np.rint(low + part * (high - low)).astype(np.uint8)
-    colors[at_limit] = STYLE.saturated
+    colors[at_limit] = palette.SATURATED
     return colors
 
 
@@ -88,14 +91,14 @@ class Arrows(NamedTuple):
 
 def arrows(robot: Robot, arms: Sequence[AnimatedArm]) -> list[Arrows]:
     """Return tool velocities and, for a robot with masses, wrist forces of all moving arms."""
-    rows = [("velocity", "speed", STYLE.motion, tool_velocity)]
+    rows = [("velocity", "speed", palette.MOTION, tool_velocity)]
     if robot.has_dynamics:
-        rows.append(("force", "force", STYLE.near, wrist_force))
+        rows.append(("force", "force", palette.NEAR, wrist_force))
     kinds = []
     for name, quantity, color, function in rows:
         vectors = tuple(function(robot, arm.state) for arm in arms)
         largest = max((float(np.linalg.norm(v, axis=1).max()) for v in vectors), default=0.0)
-        scale = STYLE.arrow * reach(robot) / largest if largest > 1e-9 else 0.0
+        scale = LONGEST_ARROW * reach(robot) / largest if largest > 1e-9 else 0.0
         kinds.append(Arrows(name, quantity, color, vectors, scale))
     return kinds
 

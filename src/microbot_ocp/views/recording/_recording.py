@@ -20,7 +20,7 @@ from microbot_ocp.scene import has_coal
 from microbot_ocp.views._eye import Eye, find_eye
 from microbot_ocp.views._scene import QUANTITIES, AxisLimits, display_unit, near_limits, reach
 from microbot_ocp.views._solids import DrawnSurroundings, drawn_geometry
-from microbot_ocp.views._style import STYLE
+from microbot_ocp.views._style import LABEL_HEIGHT, SIDE_BY_SIDE
 from microbot_ocp.views.recording import _blueprint as layout, _limits, _loads, _space
 from microbot_ocp.views.recording._animated_arm import AnimatedArm
 from microbot_ocp.views.recording._writer import (
@@ -121,7 +121,7 @@ class Recording:
     @cached_property
     def eye(self) -> Eye:
         """Viewpoint with the whole motion in view."""
-        headroom = STYLE.label * sum(bool(arm.title) for arm in self.arms) * reach(self.robot)
+        headroom = LABEL_HEIGHT * sum(bool(arm.title) for arm in self.arms) * reach(self.robot)
         q = np.vstack([np.zeros((0, self.robot.joint_count)), *(arm.q for arm in self.arms)])
         obstacles = [solid for _, solid in self.around.obstacles(self.robot)]
         return find_eye(self.robot, q, self.places, headroom, obstacles)
@@ -169,7 +169,7 @@ class Recording:
             for quantity in self.quantities
         }
         tabs: list[rrb.Container]
-        if robot.joint_count > STYLE.side_by_side:
+        if robot.joint_count > SIDE_BY_SIDE:
             tabs = [rrb.Grid(*views, grid_columns=2, name=key) for key, views in rows.items()]
         else:
             every = [view for views in rows.values() for view in views]
@@ -198,7 +198,7 @@ class Recording:
         robot, limits = self.robot, self.axis_limits[quantity, joint]
         name, unit = robot.joint_names[joint], display_unit(robot, quantity, joint)
         far = ""
-        if limits.far and robot.joint_count > STYLE.side_by_side:  # plots in two columns are wide
+        if limits.far and robot.joint_count > SIDE_BY_SIDE:  # plots in two columns are wide
             far = f", {limits.far.removesuffix(unit).strip()}"
         return layout.plot_view(
             f"{name} {quantity} [{unit}]{far}",

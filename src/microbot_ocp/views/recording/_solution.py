@@ -12,7 +12,7 @@ import rerun.blueprint as rrb
 
 from microbot_ocp._base.table import Table
 from microbot_ocp.ocp.solution import Solution
-from microbot_ocp.views._style import STYLE
+from microbot_ocp.views import _palette as palette
 from microbot_ocp.views._variables import BoundedCurve, dense_times, variable_curves
 from microbot_ocp.views.recording._blueprint import playing, plot_view, text_view
 from microbot_ocp.views.recording._writer import APPLICATION, TIME, Writer, file_writer, plot_path
@@ -55,7 +55,7 @@ class SolutionRecording:
         for (name, _), curves in self.variables.items():
             path, times = plot_path(name), {TIME: np.concatenate([c.t for c in curves])}
             values = np.concatenate([curve.values for curve in curves])
-            writer.curve(f"{path}/solution", times, values, name, STYLE.variable, 2.0)
+            writer.curve(f"{path}/solution", times, values, name, palette.VARIABLE, 2.0)
             for side in ("lower", "upper"):
                 bounds = [({TIME: curve.t[[0, -1]]}, getattr(curve, side)) for curve in curves]
                 finite = [span for span in bounds if np.isfinite(span[1])]

@@ -11,6 +11,7 @@ import rerun as rr
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import with_arm_capsules
+from microbot_ocp.views import _palette as palette
 from microbot_ocp.views._eye import Eye, grid_spacing, upward
 from microbot_ocp.views._scene import link_poses, reach, tool_places
 from microbot_ocp.views._solids import (
@@ -20,7 +21,7 @@ from microbot_ocp.views._solids import (
     joint_solid,
     part_solids,
 )
-from microbot_ocp.views._style import STYLE
+from microbot_ocp.views._style import LABEL_HEIGHT
 from microbot_ocp.views.recording._animated_arm import AnimatedArm, Look
 from microbot_ocp.views.recording._limits import LimitPlot
 from microbot_ocp.views.recording._writer import (
@@ -34,6 +35,9 @@ from microbot_ocp.views.recording._writer import (
     quaternions,
 )
 
+BASE_PLATE = 0.07  # half the edge of the base plate, relative to the reach
+MASS_RADII = (1.3, 2.2)  # least and largest radius of a centre of mass, in link radii
+LETTER_WIDTH = 0.026  # width of a letter, relative to the reach
 CLEARANCE = LimitPlot(plot_path("clearance", "nearest"), "clearance [mm]")
 
 
@@ -53,15 +57,15 @@ def draw_base(
     view = f"RIGHT_HAND_{'XYZ'[axis]}_{'UP' if up[axis] > 0 else 'DOWN'}"
     writer.static(WORLD, getattr(rr.ViewCoordinates, view))
     plate = rr.Boxes3D(
-        half_sizes=[[STYLE.plate * size, STYLE.plate * size, 0.008 * size]],
+        half_sizes=[[BASE_PLATE * size, BASE_PLATE * size, 0.008 * size]],
         centers=[base],
         quaternions=quaternions(robot.base[None, :3, :3]),
-        colors=[STYLE.dull],
+        colors=[palette.DULL],
         fill_mode="solid",
     )
     writer.static(f"{WORLD}/base", plate)
     if np.linalg.norm(base) > 1e-9:
-        post = rr.LineStrips3D([[np.zeros(3), base]], radii=0.006 * size, colors=[STYLE.dull])
+        post = rr.LineStrips3D([[np.zeros(3), base]], radii=0.006 * size, colors=[palette.DULL])
         writer.static(f"{WORLD}/base/post", post)
     if target is not None:
         writer.frame(f"{WORLD}/target", target)
@@ -69,7 +73,7 @@ def draw_base(
     if len(places):
         alike = np.linalg.norm(places[:, None] - places, axis=2) < 1e-6  # one label for all names
         labels = [", ".join(compress(names, row)) for row in alike]
-        look = {"radii": 0.022 * size, "colors": [STYLE.bright]}
+        look = {"radii": 0.022 * size, "colors": [palette.BRIGHT]}
         spheres = rr.Points3D(places, labels=labels, show_labels=True, **look)
         writer.static(f"{WORLD}/places", spheres)
 
@@ -82,11 +86,11 @@ def draw_surroundings(
         writer.solid(rr.new_entity_path([WORLD, "scene", obstacle.name]), solid)
     if around.scene is not None:
         for number, (frame, capsule) in enumerate(with_arm_capsules(robot).capsules, start=1):
-            solid = capsule_solid(capsule, STYLE.capsule)
+            solid = capsule_solid(capsule, palette.CAPSULE)
             writer.solid(arm.link(frame, f"capsule_{number}"), solid)
     task = f"{WORLD}/task"
     for number, tube in enumerate(around.tubes, start=1):
-        strip = rr.LineStrips3D([tube.points], radii=tube.radius, colors=[STYLE.tube])
+        strip = rr.LineStrips3D([tube.points], radii=tube.radius, colors=[palette.TUBE])
         writer.static(f"{task}/tube_{number}", strip)
     for number, pose in enumerate(around.stops, start=1):
         writer.frame(f"{task}/stop_{number}", pose)
@@ -98,7 +102,7 @@ def draw_surroundings(
         for k, solid in enumerate(part_solids(payload), start=1):
             writer.solid(f"{path}/solid_{k}", solid)
         if payload.mass:
-            weight = {"radii": [0.0], "colors": [STYLE.part], "labels": [f"{payload.mass:g} kg"]}
+            weight = {"radii": [0.0], "colors": [palette.PART], "labels": [f"{payload.mass:g} kg"]}
             writer.static(f"{path}/mass", rr.Points3D([payload.center_of_mass], **weight))
 
 
@@ -113,10 +117,10 @@ def draw_nearest(
     ends = np.array([(near.on_arm, near.on_other) for near in nearest])
     millimetres = 1e3 * np.array([near.distance for near in nearest])
     labels = [f"{n.pair.label}: {d:.1f} mm" for n, d in zip(nearest, millimetres, strict=True)]
-    writer.strips(path, radius, STYLE.near)
+    writer.strips(path, radius, palette.NEAR)
     writer.columns(path, arm.times, rr.LineStrips3D.columns(strips=list(ends)))
     at_obstacle = f"{path}/distance"  # the label stands at the obstacle, apart from arm labels
-    writer.static(at_obstacle, rr.Points3D.from_fields(colors=[STYLE.near], radii=[radius]))
+    writer.static(at_obstacle, rr.Points3D.from_fields(colors=[palette.NEAR], radii=[radius]))
     points = rr.Points3D.columns(positions=ends[:, 1], labels=labels)
     writer.columns(at_obstacle, arm.times, points)
     arm.draw_curve(writer, CLEARANCE.path, millimetres)
@@ -150,7 +154,7 @@ def draw_arm(writer: Writer, robot: Robot, arm: AnimatedArm, end: Times) -> None
             writer.solid(arm.link(k, "joint"), joint_solid(kind, look.radius, look.color))
         if radii.size:
             place, size = robot.links[k - 1].center_of_mass, radii[k - 1] * look.radius
-            ball = rr.Points3D([place], radii=size, colors=[STYLE.ball])
+            ball = rr.Points3D([place], radii=size, colors=[palette.MASS])
             writer.static(arm.link(k, "center_of_mass"), ball)
     # The tool entity only translates, because labels and arrows are its children; a child frame
     # rotates.
@@ -199,7 +203,7 @@ def _mass_radii(robot: Robot) -> FloatArray:
     masses = np.array([link.mass for link in robot.links])
     if not masses.size:
         return masses
-    least, most = STYLE.mass
+    least, most = MASS_RADII
     return np.maximum(least, most * np.cbrt(masses / masses.max()))
 
 
@@ -218,7 +222,7 @@ def draw_labels(
     other samples.
     """
     size, up, (right, above, _) = reach(robot), eye.up, eye.axes
-    step = STYLE.label * size
+    step = LABEL_HEIGHT * size
     titled = [arm for arm in arms if arm.title]
     for arm in titled:
         look = {"radii": [1e-3 * arm.look.radius], "colors": [arm.look.line_color]}
@@ -236,7 +240,7 @@ def draw_labels(
             # Repeat the list: moving above one text may cause a clash with an earlier one.
             for other_t, other_across, other_high, letters in taken * len(taken):
                 at = np.maximum(np.searchsorted(other_t, t, side="right") - 1, 0)
-                width = STYLE.letter * size * (len(arm.title) + letters) / 2
+                width = LETTER_WIDTH * size * (len(arm.title) + letters) / 2
                 clash = np.abs(across - other_across[at]) < width
                 clash &= np.abs(high - other_high[at]) < 0.999 * step
                 high = np.where(clash, other_high[at] + step, high)

@@ -11,8 +11,9 @@ import rerun.blueprint as rrb
 from microbot_ocp._base.needed import needed
 from microbot_ocp._base.status import Status
 from microbot_ocp.sweeps import Sweep
+from microbot_ocp.views import _palette as palette
 from microbot_ocp.views._eye import Eye
-from microbot_ocp.views._style import STYLE, look, rgb
+from microbot_ocp.views._style import look, rgb
 from microbot_ocp.views.recording._blueprint import eye_controls, folded, text_view
 from microbot_ocp.views.recording._writer import WORLD, file_writer
 from microbot_ocp.views.tables._results import sweep as sweep_table
@@ -60,7 +61,7 @@ def of_sweep(results: Sweep, path: str | Path) -> Path:
                 places[shown], colors=colors, radii=radius, labels=labels, show_labels=False
             )
             writer.static(f"{WORLD}/{name}/goals", points)
-            rest = rr.Points3D(places[placed & ~shown], colors=[STYLE.dull], radii=0.4 * radius)
+            rest = rr.Points3D(places[placed & ~shown], colors=[palette.DULL], radii=0.4 * radius)
             writer.static(f"{WORLD}/{name}/not_solved", rest)
         for place, name in enumerate(results.about["limits"]):
             decided = placed & (status == Status.SOLVED) & (limit == name)

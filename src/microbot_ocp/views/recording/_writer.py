@@ -19,9 +19,11 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.table import Table
 from microbot_ocp._base.writing import check_writable, write_whole
 from microbot_ocp.robot import TriangleMesh
+from microbot_ocp.views import _palette as palette
 from microbot_ocp.views._solids import Solid
-from microbot_ocp.views._style import STYLE, Color
+from microbot_ocp.views._style import Color
 
+LIMIT_DASHES = 40  # dashes of a limit's line over the whole timeline
 APPLICATION = "microbot_ocp"
 
 TIME = "sim_time"  # time since the start of the motion, s
@@ -66,7 +68,7 @@ class Writer:
         times: Times,
         values: FloatArray,
         name: str = "limit",
-        color: Color = STYLE.dull,
+        color: Color = palette.DULL,
         width: float = 1.2,
     ) -> None:
         """Log a curve of values [N]; the default style is that of a varying bound."""
@@ -82,15 +84,15 @@ class Writer:
         if not spans:
             return
         gap = 1e-6  # offset of the row without a value after a dash, relative to the span
-        edges = np.linspace(0.0, 1.0 - gap, 2 * STYLE.dashes)
+        edges = np.linspace(0.0, 1.0 - gap, 2 * LIMIT_DASHES)
         share = np.column_stack([edges[::2], edges[1::2], edges[1::2] + gap]).ravel()
         times = {
             key: np.concatenate([span[key][0] + np.diff(span[key]) * share for span, _ in spans])
             for key in spans[0][0]
         }
-        self._line(path, "limit", STYLE.dull, 1.2)
+        self._line(path, "limit", palette.DULL, 1.2)
         scalars = rr.Scalars.columns(scalars=np.repeat([at for _, at in spans], len(edges)))
-        lengths = np.tile([1, 1, 0], STYLE.dashes * len(spans))
+        lengths = np.tile([1, 1, 0], LIMIT_DASHES * len(spans))
         self.columns(path, times, scalars.partition(lengths=lengths))
 
     def level(self, path: str, value: float | None, end: Times) -> None:

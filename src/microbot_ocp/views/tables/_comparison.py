@@ -17,7 +17,7 @@ from microbot_ocp._base.writing import write_whole
 from microbot_ocp.certificate import Certificate, LimitCheck
 from microbot_ocp.limits import JOINT_QUANTITIES, LimitFamily, not_judged, quantity_name
 from microbot_ocp.tasks import Comparison, Entry
-from microbot_ocp.views._style import STYLE, entry_title
+from microbot_ocp.views._style import SIDE_BY_SIDE, entry_title
 from microbot_ocp.views.tables._terminal import in_degrees, joint_units
 
 JUDGED = ("certificate_ok", "verdict", "verdict_short", "unjudged", "worst_violation")
@@ -195,7 +195,7 @@ def _percentages(shares: Mapping[str, float | None]) -> str:
     finite = _known(shares)
     if not finite:
         return NOTHING
-    if len(shares) > STYLE.side_by_side:
+    if len(shares) > SIDE_BY_SIDE:
         joint = max(finite, key=finite.__getitem__)
         return f"{100 * finite[joint]:.0f} ({joint})"
     return "/".join(NOTHING if s is None else f"{100 * s:.0f}" for s in shares.values())
@@ -224,7 +224,7 @@ def _title(comparison: Comparison) -> str:
 
 def _notes(comparison: Comparison, rows: list[Row]) -> Iterator[str]:
     joints = comparison.robot.joint_names
-    order = " / ".join(joints) if len(joints) <= STYLE.side_by_side else "busiest joint only"
+    order = " / ".join(joints) if len(joints) <= SIDE_BY_SIDE else "busiest joint only"
     titles = {row["name"]: row["title"] for row in rows}
     reference = titles.get(comparison.reference, comparison.reference)
     yield f"Peaks: largest share of the limit ({order}). Ratio: to {reference}."

@@ -11,10 +11,10 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from microbot_ocp._base.table import Column, Table
-from microbot_ocp.views._style import FIXED, PREFERRED, STYLE
+from microbot_ocp.views._style import FIXED, PREFERRED, WARNING_COLOR
 
 STYLES = {"bad": "red", "missing": "dim"}
-COLORS = {"bad": f"color:{STYLE.warning}", "missing": "opacity:.6"}
+COLORS = {"bad": f"color:{WARNING_COLOR}", "missing": "opacity:.6"}
 LOOK = "color:inherit;font-size:inherit;border-collapse:collapse"
 
 
