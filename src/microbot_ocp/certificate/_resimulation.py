@@ -31,7 +31,6 @@ from microbot_ocp.simulation import interpolated, lagrange_weights
 NODES = 9  # collocation nodes of a segment
 NEAR_SINGULAR = 1e6  # condition number above which the mass matrix is nearly singular
 
-
 IntArray = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
 

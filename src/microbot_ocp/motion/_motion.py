@@ -35,7 +35,6 @@ from microbot_ocp.robot import Robot
 SAMPLE_STEP = 1e-3  # longest step between the samples of a new motion, s
 MOST_HALVINGS = 5  # halvings of a step to resolve the torque
 
-
 SCHEMA = 1  # version of the files
 ARRAYS = ("t", "q", "qd", "qdd", "tau", "breaks")
 

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
 JUMP_GAP = JUMP_TIME  # s between the two samples that represent a jump of the acceleration
 
-
 JUMP_SHARE = 0.02  # largest gap of a jump, relative to the interval before it
 EVEN = 1e-3  # relative difference below which two steps are equal
 

@@ -34,7 +34,6 @@ Values = Callable[[FloatArray], FloatArray]  # maps times [N] to values [N,m]
 
 INTEGRATORS = ("dop853", "cvodes", "idas", "collocation", "rk")
 
-
 DEGREE = 10  # degree of the Chebyshev series of an input between breaks
 FIT_ERROR = 1e-11  # largest error of the series, relative to the largest value
 LONGEST_STEP = 0.1  # longest step relative to a piece, so that no motion after a rest is skipped
