@@ -27,33 +27,8 @@ from microbot_ocp.ocp.verification import point_values, runs
 Sample = Callable[[FloatArray], dict[str, FloatArray]]  # argument: times since the phase start, s
 Signature = tuple[int, ...]  # sides of all control components followed by those of all limits
 
-
-@dataclass(frozen=True)
-class DetectorSettings:
-    """Thresholds of the detection.
-
-    Attributes
-    ----------
-    at_bound : largest distance of an active control from its bound, relative to its range
-    at_end_of_ramp : largest distance of an active continuous control from its bound, relative to
-        the control's range; near the end of a ramp the barrier outweighs the small gain
-    at_state_limit : largest distance of a state from an active limit, at both ends of an interval,
-        relative to the state's range along the phase
-    at_mixed_limit : largest distance from an active limit that depends on controls, relative to its
-        range
-    smeared : number of intervals over which a mesh may smear one event
-    negligible : length below which an arc is dropped, in intervals
-    """
-
-    at_bound: float = 1e-3
-    at_end_of_ramp: float = 1e-2
-    at_state_limit: float = 3e-3
-    at_mixed_limit: float = 2e-3
-    smeared: int = 3
-    negligible: float = 0.05
-
-
-DETECTOR = DetectorSettings()
+SMEARED_INTERVALS = 3  # intervals over which a mesh may smear one event
+NEGLIGIBLE_LENGTH = 0.05  # length below which an arc is dropped, in intervals
 
 
 @dataclass(frozen=True)
@@ -219,6 +194,10 @@ def jumping(phase: Phase) -> list[Variable]:
 
 # activities ---------------------------------------------------------------------------------------
 
+AT_BOUND = 1e-3  # distance of an active control from its bound, relative to its range
+# Near the end of a ramp the barrier outweighs the small gain of a continuous control.
+AT_END_OF_RAMP = 1e-2  # distance of an active continuous control from its bound, likewise
+
 
 def control_activities(phase: PhaseSolution, controls: Sequence[Variable]) -> list[Activity]:
     """Return the activities of all components of the given controls."""
@@ -226,7 +205,7 @@ def control_activities(phase: PhaseSolution, controls: Sequence[Variable]) -> li
     for control in controls:
         least, largest, mean = _interval_values(phase, control)
         range_ = control.upper - control.lower
-        near = DETECTOR.at_end_of_ramp if control.shape == "linear" else DETECTOR.at_bound
+        near = AT_END_OF_RAMP if control.shape == "linear" else AT_BOUND
         near = near * np.where(np.isfinite(range_), range_, control.scale)
         # A control is at a side only if it is there throughout the interval.
         upper = (least >= control.upper - near) & (range_ != 0.0)
@@ -257,6 +236,9 @@ def _scaled(mean: FloatArray, low: float, high: float) -> FloatArray | None:
     return (2 * mean - high - low) / (high - low)
 
 
+AT_STATE_LIMIT = 3e-3  # distance of a state from an active limit, by its range in the phase
+
+
 def _state_limits(phase: PhaseSolution, declared: Phase) -> list[Activity]:
     """Return activities of limits of the states, active in an interval with both ends at them."""
     others = Expressions(declared).symbols[len(declared.states) :]  # the states come first
@@ -270,7 +252,7 @@ def _state_limits(phase: PhaseSolution, declared: Phase) -> list[Activity]:
         for i in range(constraint.lower.size):
             limit = ActiveLimit(constraint, i, mixed=False)
             values = limit.along(phase.values, states)
-            near = DETECTOR.at_state_limit * float(np.ptp(values))
+            near = AT_STATE_LIMIT * float(np.ptp(values))
             sides = limit.sides(values, near)
             if near > 0 and limit.bounds[0] < limit.bounds[1] and np.any(sides):
                 both = np.where(sides[:-1] == sides[1:], sides[1:], 0)
@@ -281,6 +263,9 @@ def _state_limits(phase: PhaseSolution, declared: Phase) -> list[Activity]:
 
 def _depends(constraint: PathConstraint, symbols: Sequence[ca.MX]) -> bool:
     return any(ca.depends_on(constraint.expression, symbol) for symbol in symbols)
+
+
+AT_MIXED_LIMIT = 2e-3  # distance from an active limit of controls, relative to its range
 
 
 def mixed_limits(phase: PhaseSolution, declared: Phase) -> list[Activity]:
@@ -309,7 +294,7 @@ def mixed_limits(phase: PhaseSolution, declared: Phase) -> list[Activity]:
             limit = ActiveLimit(constraint, i, mixed=True)
             low, high = limit.bounds
             range_ = high - low if np.isfinite(high - low) else float(np.ptp(values))
-            near = DETECTOR.at_mixed_limit * range_
+            near = AT_MIXED_LIMIT * range_
             table = limit.sides(values, near).reshape(steps.size, points.size)
             sides = np.where(np.all(table == table[:, :1], axis=1), table[:, 0], 0)
             if near > 0 and low < high and np.any(sides):
@@ -337,7 +322,7 @@ def _switches_of(activity: Activity, mesh: FloatArray, continuous: bool) -> list
     switches = []
     decided = [run for run in runs(activity.sides) if run.side]
     for one, other in itertools.pairwise(decided):
-        if one.side == other.side or other.begin - one.after > DETECTOR.smeared:
+        if one.side == other.side or other.begin - one.after > SMEARED_INTERVALS:
             continue
         ramp = slice(one.after, other.begin)
         begin, end = float(mesh[one.after]), float(mesh[other.begin])
@@ -417,7 +402,7 @@ def _arcs_between_events(columns: Sequence[Activity], mesh: FloatArray) -> list[
         arcs.append(PlannedArc(a, b, tuple(active.tolist()), round(np.ceil(end - begin))))
 
     for event in sorted(events, key=lambda e: e.place):
-        if event.place - begin > DETECTOR.negligible:
+        if event.place - begin > NEGLIGIBLE_LENGTH:
             close(event.place)
             begin = event.place
         active[event.column] = event.side
@@ -434,7 +419,7 @@ def _events(column: int, columns: Sequence[Activity]) -> list[_Event]:
         before = stretches[index - 1].side if index else 0
         following = stretches[index + 1].side if index + 1 < len(stretches) else 0
         # A few undecided intervals beside a decided one are a smeared switch, not a free arc.
-        short = after - begin <= DETECTOR.smeared and (before or following)
+        short = after - begin <= SMEARED_INTERVALS and (before or following)
         if side or activity.means is None or not short or _is_followed(columns, begin, after):
             events.append(_Event(float(begin), column, side))
         else:
@@ -458,9 +443,10 @@ def _sides_within(before: int, following: int, means: FloatArray) -> list[tuple[
     length = float(means.size)
     if before and following and before != following:
         return [(_crossing(before, means, np.ones(means.size)), following)]
+    # Lengths a at `side` and b at the other side: a + b = n and a - b = side * sum of the means.
     side = before or following
     other = float(np.clip((length - side * means.sum()) / 2, 0.0, length))
-    if other < DETECTOR.negligible:
+    if other < NEGLIGIBLE_LENGTH:
         return [(0.0, side)]
     if not before:  # the phase starts here
         return [(0.0, -side), (other, side)]
@@ -487,6 +473,6 @@ def _join_events(events: Sequence[_Event], columns: Sequence[Activity]) -> None:
     )
     moved: set[int] = set()
     for gap, i, j in gaps:
-        if gap <= DETECTOR.smeared and not {id(ends[i]), id(begins[j])} & moved:
+        if gap <= SMEARED_INTERVALS and not {id(ends[i]), id(begins[j])} & moved:
             moved |= {id(ends[i]), id(begins[j])}
             ends[i].place = begins[j].place = (ends[i].place + begins[j].place) / 2

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,22 +10,8 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.arcs._detector import Switch
 
-
-@dataclass(frozen=True)
-class MeshPointSettings:
-    """Distances of additional mesh points beside junctions and switches.
-
-    Attributes
-    ----------
-    bracket : distance of the added points from a junction, as a fraction of the adjacent interval
-    ramp : distance of the mesh points beside a switch, as a fraction of the length of its ramp
-    """
-
-    bracket: float = 0.1
-    ramp: float = 0.125
-
-
-MESH_POINTS = MeshPointSettings()
+BRACKET = 0.1  # distance of added points from a junction, as a fraction of the adjacent interval
+SHORTENED_RAMP = 0.125  # distance of mesh points from a switch, as a fraction of its ramp
 
 
 def hold(
@@ -52,7 +37,7 @@ def move_to_switches(mesh: FloatArray, switches: Sequence[Switch], accuracy: flo
     """
     points = mesh.copy()
     for ramp in (s for s in switches if s.continuous and s.offset > accuracy):
-        reach = MESH_POINTS.ramp * (ramp.end - ramp.begin)
+        reach = SHORTENED_RAMP * (ramp.end - ramp.begin)
         inside = (points > ramp.begin) & (points < ramp.end)
         sides = [p for p in (ramp.place - reach, ramp.place + reach) if 0.0 < p < 1.0]
         points = np.sort(np.concatenate([points[~inside], sides]))
@@ -75,6 +60,6 @@ def _with_point(
     if 0.0 < point < 1.0 and all(abs(point - other) > accuracy for other in held):
         points = np.delete(points, nearest)
     before, after = points[points < place].max(), points[points > place].min()
-    reach = MESH_POINTS.bracket * min(place - before, after - place)
+    reach = BRACKET * min(place - before, after - place)
     sides = [place - reach, place + reach] if is_new and reach > accuracy else []
     return np.sort(np.concatenate([points, [place], sides]))

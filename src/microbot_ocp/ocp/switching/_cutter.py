@@ -33,8 +33,14 @@ from microbot_ocp.ocp.problem import (
     Variable,
     node_variables,
 )
-from microbot_ocp.ocp.switching._settings import CUTTER
 from microbot_ocp.ocp.transcription import Guess
+from microbot_ocp.ocp.transcription.schemes import Collocation
+
+HIGH_ORDER = Collocation("radau", 5)  # scheme of an arc, which is smooth; of order 9
+SHORTEST_ARC = 1e-4  # least length of an arc, as a fraction of its phase
+LONGEST_ARC = 3.0  # largest length of an arc, as a multiple of the duration of its phase
+HIGHEST_ORDER = 3  # time derivatives of a state limit that are searched for a control
+BOUND_MARGIN = 1e-6  # widening of a bound beside an arc where an equation holds it, by its range
 
 Key = tuple[str, int]  # name and component of a limit
 
@@ -139,8 +145,8 @@ class _ArcPhases:
         piece.name = f"{declared.name} {index + 1}"
         if not (first and last):
             # A positive least length keeps the program regular: an arc at that length has vanished.
-            shortest, longest = CUTTER.shortest, CUTTER.longest
-            piece.duration_bounds = (shortest * self.plan.duration, longest * self.plan.duration)
+            duration = self.plan.duration
+            piece.duration_bounds = (SHORTEST_ARC * duration, LONGEST_ARC * duration)
         # Next to an arc on which an equation replaces a bound, the bound is met at the junction.
         beside = before.replaced | after.replaced
         low, high = declared.duration_bounds
@@ -237,7 +243,7 @@ def _without_bounds(limited: Any, keeping: frozenset[Key], beside: frozenset[Key
     low, high = limited.lower.copy(), limited.upper.copy()
     for i in (i for name, i in beside if name == limited.name):
         range_ = high[i] - low[i]
-        margin = CUTTER.bound_margin * (range_ if np.isfinite(range_) else limited.scale[i])
+        margin = BOUND_MARGIN * (range_ if np.isfinite(range_) else limited.scale[i])
         low[i], high[i] = low[i] - margin, high[i] + margin
     rows = [i for name, i in keeping if name == limited.name]
     low[rows], high[rows] = -np.inf, np.inf
@@ -267,7 +273,7 @@ def _conditions_on(plan: ArcPlan, arc: PlannedArc, *, start: bool) -> ArcConditi
 def _derivatives(declared: Phase, activity: Activity, side: int) -> list[PathConstraint]:
     """Return an active limit and its time derivatives up to the first that contains a control.
 
-    Empty if that derivative is of a higher order than ``CUTTER.highest_order``. With the states x
+    Empty if that derivative is of a higher order than ``HIGHEST_ORDER``. With the states x
     and their derivatives f, ``d/dt g = (dg/dx) f`` as long as g contains no control.
     """
     assert activity.limit is not None
@@ -278,7 +284,7 @@ def _derivatives(declared: Phase, activity: Activity, side: int) -> list[PathCon
     x = ca.vertcat(*(s.symbol for s in declared.states))
     slope = ca.vertcat(*(declared.derivatives[s.name] for s in declared.states))
     zero = np.zeros(1)
-    for order in range(1, CUTTER.highest_order + 1):
+    for order in range(1, HIGHEST_ORDER + 1):
         # d/dt g(x) = (dg/dx) f(x, u) as long as g contains no control.
         value = ca.jtimes(value, x, slope)
         name = f"{met.name}, derivative {order}"

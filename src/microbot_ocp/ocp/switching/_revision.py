@@ -26,10 +26,13 @@ from microbot_ocp.ocp.arcs import (
 )
 from microbot_ocp.ocp.problem import Phase
 from microbot_ocp.ocp.solution import PhaseSolution, Solution
-from microbot_ocp.ocp.switching._settings import CUTTER, SWITCHING
+from microbot_ocp.ocp.switching._cutter import SHORTEST_ARC
 from microbot_ocp.ocp.transcription import labels_of
 from microbot_ocp.ocp.transcription.schemes import Collocation
 from microbot_ocp.ocp.verification import runs
+
+VANISHED_ARC = 2 * SHORTEST_ARC  # length at which an arc is removed, as a fraction of its phase
+LEAST_INTERVALS = 2  # intervals of an arc on its first mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +77,7 @@ class ArcSolution:
                     arcs += _freed_where_wrong(plan, arc, piece, wrong.get(piece.name, ()), beside)
             arcs = merged(arcs)
             # Removed arcs leave a gap and new arcs need time: rescale all lengths to the phase.
-            lengths = [max(arc.end - arc.begin, CUTTER.shortest) for arc in arcs]
+            lengths = [max(arc.end - arc.begin, SHORTEST_ARC) for arc in arcs]
             plans.append(replace(solved, arcs=_laid_out(arcs, lengths)))
         return plans
 
@@ -87,7 +90,7 @@ def _laid_out(arcs: Sequence[PlannedArc], lengths: Sequence[float]) -> tuple[Pla
 
 
 def _has_vanished(plan: ArcPlan, piece: PhaseSolution) -> bool:
-    return piece.duration <= CUTTER.vanished * plan.duration and len(plan.arcs) > 1
+    return piece.duration <= VANISHED_ARC * plan.duration and len(plan.arcs) > 1
 
 
 def _held_at_limits(plan: ArcPlan, arc: PlannedArc, piece: PhaseSolution) -> list[PlannedArc]:
@@ -147,7 +150,10 @@ def _part(
 ) -> PlannedArc:
     """Return the part of an arc between two fractions of it."""
     begin, end = (arc.begin + place * (arc.end - arc.begin) for place in places)
-    return PlannedArc(begin, end, tuple(signature), max(intervals, SWITCHING.least_intervals))
+    return PlannedArc(begin, end, tuple(signature), max(intervals, LEAST_INTERVALS))
+
+
+REACHED = 1e-5  # distance at which a limit of the states is reached, relative to its range
 
 
 def _met_on(plan: ArcPlan, piece: PhaseSolution, begin: float, end: float) -> list[tuple[int, int]]:
@@ -159,10 +165,13 @@ def _met_on(plan: ArcPlan, piece: PhaseSolution, begin: float, end: float) -> li
         if column.limit is None or column.limit.mixed:
             continue
         values = column.limit.along(piece.values, plan.declared.states)[first : last + 1]
-        sides = column.limit.sides(values, SWITCHING.met * column.limit.range)
+        sides = column.limit.sides(values, REACHED * column.limit.range)
         if np.any(sides):
             met.append((k, int(sides[sides != 0][0])))
     return met
+
+
+WRONG_SIGN = 1e-3  # multiplier that shows a missing switch, relative to its largest magnitude
 
 
 def wrong_signs(solved: ArcSolution) -> dict[str, list[WrongSign]]:
@@ -191,7 +200,7 @@ def wrong_signs(solved: ArcSolution) -> dict[str, list[WrongSign]]:
             largest = max((float(np.abs(k[-1]).max()) for k in densities), default=0.0)
             for piece, side, at, density in densities:
                 if side:
-                    spans = _negative(at, side * density, SWITCHING.wrong_sign * largest)
+                    spans = _negative(at, side * density, WRONG_SIGN * largest)
                     wrong.setdefault(piece.name, []).extend(WrongSign(place, *s) for s in spans)
     return {name: places for name, places in wrong.items() if places}
 

@@ -32,11 +32,20 @@ from microbot_ocp.ocp.problem import OptimalControlProblem, PathConstraint, Phas
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, cost_size
 from microbot_ocp.ocp.solvers import SolverSettings, solve_on
 from microbot_ocp.ocp.starts import guess_from, scaled
-from microbot_ocp.ocp.switching._settings import CUTTER, HIGH_ORDER, SINGULAR
+from microbot_ocp.ocp.switching._cutter import HIGH_ORDER, LONGEST_ARC
 from microbot_ocp.ocp.transcription import Guess, MeshLike, Transcription
 from microbot_ocp.ocp.verification import costates_of, differentiate
 
 SETTINGS = SolverSettings("ipopt", tolerance=1e-12, gap=np.inf, max_iterations=60)
+LEAST_INTERVALS = 4  # intervals of an arc on its first mesh
+MOST_ROUNDS = 6  # solves, each on a finer mesh
+SHORTEST_ARC = 1e-6  # least length of an arc, as a fraction of the phase
+TIMES_CHECKED = 200  # instants of an arc at which signs and limits are checked
+VANISHING = 1e-9  # size of a switching function that counts as zero, relative to its largest one
+VIOLATION = 1e-6  # violation of limits and signs, relative to the range or the largest value
+AT_END = 1e-6  # distance from a bound at which an end condition is active, relative to its range
+AGREEING_COST = 1e-2  # difference to the cost of the nearby solution, relative to that cost
+
 COST, CLOCK, COSTATE = "cost so far", "elapsed time", "costate of "
 
 
@@ -179,7 +188,7 @@ class _FirstOrderConditions:
                 # The arc is of first order only if B does not vanish, compared with H_u over time
                 # squared.
                 size = self.sizes[law.free] / plan.duration**2
-                if not np.abs(_values(law.terms, *values)[-1]).max() > SINGULAR.vanishing * size:
+                if not np.abs(_values(law.terms, *values)[-1]).max() > VANISHING * size:
                     raise NotPossibleError(
                         "a singular control does not appear in the second time derivative of its "
                         "switching function"
@@ -233,7 +242,7 @@ class _FirstOrderConditions:
 
     def _nearby(self, arc: PlannedArc) -> list[FloatArray]:
         """Return states, costates, controls and times along an arc of the given solution."""
-        t = self.plan.duration * np.linspace(arc.begin, arc.end, SINGULAR.checked)
+        t = self.plan.duration * np.linspace(arc.begin, arc.end, TIMES_CHECKED)
         values, costates = self.plan.sample(t), self.costates(t)
         x = np.hstack([values[name] for name in self.state_parts]).T
         costate = np.hstack([costates[name] for name in self.state_parts]).T
@@ -249,7 +258,7 @@ class _FirstOrderConditions:
             first, last = index == 0, index == len(self.laws) - 1
             name = f"{self.plan.declared.name} {index + 1}"
             reach = self.plan.duration
-            phase = conditions.phase(name, (SINGULAR.shortest * reach, CUTTER.longest * reach))
+            phase = conditions.phase(name, (SHORTEST_ARC * reach, LONGEST_ARC * reach))
             x, costate = self._moving(phase, first, last)
             # Time and cost are states: each arc continues them from the one before.
             clock = phase.state(CLOCK, initial=0.0 if first else None)
@@ -384,12 +393,11 @@ class _FirstOrderConditions:
     def solved(self, accuracy: float) -> SingularArcs:
         problem, guesses = self._problem(), self._guesses()
         transcription = Transcription(scaled(problem, guesses), scheme=HIGH_ORDER)
-        least = SINGULAR.least_intervals
-        meshes: list[MeshLike] = [max(arc.intervals, least) for arc in self.plan.arcs]
+        meshes: list[MeshLike] = [max(arc.intervals, LEAST_INTERVALS) for arc in self.plan.arcs]
         # Refine until the canonical equations are accurate: the costs vanish at a solution, so only
         # the discretisation limits the accuracy of the lengths.
         start: dict[str, Guess] = guesses
-        for _ in range(SINGULAR.rounds):
+        for _ in range(MOST_ROUNDS):
             if deadline.over():
                 raise NotPossibleError("the time limit is reached")
             solution = solve_on(transcription, meshes, start, SETTINGS)
@@ -408,11 +416,11 @@ class _FirstOrderConditions:
         near = self.plan
         lengths = np.array([phase.duration for phase in solution.phases])
         # An arc at its least length has vanished: the structure is another one.
-        if lengths.min() <= 2 * SINGULAR.shortest * near.duration:
+        if lengths.min() <= 2 * SHORTEST_ARC * near.duration:
             raise NotPossibleError("an arc has no length")
         pairs = list(zip(solution.phases, self.laws, strict=True))
         tables = [
-            self._stacked(phase.sample(np.linspace(0.0, phase.duration, SINGULAR.checked)), law)
+            self._stacked(phase.sample(np.linspace(0.0, phase.duration, TIMES_CHECKED)), law)
             for phase, law in pairs
         ]
         self._check_limits(tables)
@@ -423,7 +431,7 @@ class _FirstOrderConditions:
         for index, (law, along) in enumerate(zip(self.laws, switching, strict=True)):
             # Pontryagin: side 1 requires H_u <= 0, side -1 requires H_u >= 0.
             against = (sides[index][:, None] * along).max(axis=1) / largest
-            if against.max() > SINGULAR.violation:
+            if against.max() > VIOLATION:
                 raise NotPossibleError(
                     "a switching function of a control at a bound has the wrong sign"
                 )
@@ -436,7 +444,7 @@ class _FirstOrderConditions:
                 switches = sides[index] * sides[index + 1] < 0
                 jumps = np.abs(along[:, -1]) / largest
                 vanishing = max(vanishing, float(jumps[switches].max(initial=0.0)))
-        if vanishing > SINGULAR.vanishing:
+        if vanishing > VANISHING:
             raise NotPossibleError(
                 f"a switching function comes to {vanishing:.1e} of its largest value where it must "
                 "vanish"
@@ -449,7 +457,7 @@ class _FirstOrderConditions:
         cost = float(last.values[COST][-1, 0]) + worth
         # A root of the conditions far from the given cost belongs to another extremal.
         other = self.solution
-        if not abs(cost - other.cost) <= SINGULAR.agrees * cost_size(other.cost, other.cost_scale):
+        if not abs(cost - other.cost) <= AGREEING_COST * cost_size(other.cost, other.cost_scale):
             raise NotPossibleError(
                 f"their cost is {cost:.10g}, that of the nearby solution {other.cost:.10g}"
             )
@@ -486,8 +494,8 @@ class _FirstOrderConditions:
             reach = limit.upper - limit.lower
             reach = np.where(np.isfinite(reach), reach, np.ptp(values, axis=1) + limit.scale)
             excess = np.maximum(values.max(axis=1) - limit.upper, limit.lower - values.min(axis=1))
-            size = np.maximum(reach, SINGULAR.violation * limit.scale)
-            if np.any(excess > SINGULAR.violation * size):
+            size = np.maximum(reach, VIOLATION * limit.scale)
+            if np.any(excess > VIOLATION * size):
                 raise NotPossibleError(f"{limit.name!r} is beyond its limit along an arc")
 
 
@@ -516,6 +524,6 @@ def _at_bound(
 ) -> tuple[np.ndarray, FloatArray]:
     """Return a mask of the values that are at a bound, and those bounds."""
     reach = upper - lower
-    near = SINGULAR.at_end * np.where(np.isfinite(reach), reach, scale)
+    near = AT_END * np.where(np.isfinite(reach), reach, scale)
     at_lower, at_upper = values <= lower + near, values >= upper - near
     return at_lower | at_upper, np.where(at_lower, lower, np.where(at_upper, upper, values))

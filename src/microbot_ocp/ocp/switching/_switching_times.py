@@ -42,9 +42,13 @@ from microbot_ocp.ocp.solution import PhaseSolution, Solution, StepProgress, cos
 from microbot_ocp.ocp.solvers import SolverSettings, solve_on
 from microbot_ocp.ocp.starts import scaled
 from microbot_ocp.ocp.switching._answer import SINGULAR, SwitchingTimes, junctions_of
-from microbot_ocp.ocp.switching._cutter import cut, is_cuttable
-from microbot_ocp.ocp.switching._revision import ArcSolution, with_finer_meshes, wrong_signs
-from microbot_ocp.ocp.switching._settings import CUTTER, HIGH_ORDER, SWITCHING
+from microbot_ocp.ocp.switching._cutter import HIGH_ORDER, cut, is_cuttable
+from microbot_ocp.ocp.switching._revision import (
+    LEAST_INTERVALS,
+    ArcSolution,
+    with_finer_meshes,
+    wrong_signs,
+)
 from microbot_ocp.ocp.switching._singular import NotPossibleError, solve_conditions
 from microbot_ocp.ocp.transcription import Transcription
 from microbot_ocp.ocp.verification import dense_phase, limit_uses, relative_excess, worst_along
@@ -52,6 +56,13 @@ from microbot_ocp.ocp.verification import dense_phase, limit_uses, relative_exce
 SETTINGS = SolverSettings(
     "ipopt", tolerance=1e-10, gap=1e-7, initial_barrier=1e-4, max_iterations=300
 )
+MOST_ARCS = 12  # arcs in a phase; a chattering solution is not divided
+MOST_INTERVALS = 8  # intervals of an arc on its first mesh
+COARSER = 3  # intervals of a detected arc for one of its first mesh
+NEGLIGIBLE_EXCESS = 1e-8  # excess between mesh points above which an arc is refined, by the limit
+FINEST = 64  # intervals of an arc above which that excess no longer refines it
+EXCEEDED = 1e-4  # excess between mesh points above which a solution is rejected, by the limit
+COSTLIER = 1e-3  # cost above that of the start that is accepted, relative to that cost
 
 Transcribe = Callable[..., Transcription]
 
@@ -137,11 +148,10 @@ def solve_switching_times(
 def _planned(phase: PhaseSolution) -> ArcPlan:
     """Return the arcs of a solution, with meshes that suit a scheme of high order."""
     plan = plan_of(phase)
-    least, most = SWITCHING.least_intervals, SWITCHING.most_intervals
-    arcs = [
-        replace(arc, intervals=int(np.clip(-(-arc.intervals // SWITCHING.coarser), least, most)))
-        for arc in plan.arcs
-    ]
+    arcs = []
+    for arc in plan.arcs:
+        intervals = np.clip(-(-arc.intervals // COARSER), LEAST_INTERVALS, MOST_INTERVALS)
+        arcs.append(replace(arc, intervals=int(intervals)))
     return replace(plan, arcs=tuple(arcs))
 
 
@@ -204,7 +214,7 @@ class _SwitchingSearch:
         return self._answer(measured, error, _Verdict(Status.ROUND_LIMIT))
 
     def _stopped(self, until: float) -> _Verdict | None:
-        most = 2 * CUTTER.most_arcs  # short arcs may still vanish
+        most = 2 * MOST_ARCS  # short arcs may still vanish
         if any(len(plan.arcs) > most for plan in self.plans):
             advice = f"More than {most} arcs in a phase are too many to solve for."
             return _Verdict(Status.NOT_POSSIBLE, advice)
@@ -253,9 +263,9 @@ class _SwitchingSearch:
             count = piece.mesh.size - 1
             divided = divide(piece.mesh, error, self.accuracy, HIGH_ORDER.order)
             intervals[piece.name] = divided.size - 1
-            ratio = relative_excess(dense_phase(piece)).max(initial=0.0) / SWITCHING.negligible
-            if ratio > 1.0 and count < SWITCHING.finest:
-                parts = int(np.clip(np.ceil(ratio ** (1 / SWITCHING.degree)), 2, 4))
+            ratio = relative_excess(dense_phase(piece)).max(initial=0.0) / NEGLIGIBLE_EXCESS
+            if ratio > 1.0 and count < FINEST:
+                parts = int(np.clip(np.ceil(ratio ** (1 / HIGH_ORDER.degree)), 2, 4))
                 # The excess between points falls with the interval length to the power ``degree``.
                 intervals[piece.name] = max(intervals[piece.name], parts * count)
         return intervals
@@ -264,14 +274,14 @@ class _SwitchingSearch:
         """Return the verdict: locally optimal, or the reason why not."""
         solution, first = solved.solution, self.first
         # The detected structure allows the cost of the start: a higher cost proves it wrong.
-        if solution.cost > first.cost + SWITCHING.costlier * abs(first.cost):
+        if solution.cost > first.cost + COSTLIER * abs(first.cost):
             return _Verdict(
                 Status.NOT_ACCEPTED,
                 f"The arcs cost {solution.cost:.8g}, more than the {first.cost:.8g} of the "
                 "solution that shows them: give a start on a finer mesh.",
             )
         worst = worst_along(use for p in solution.phases for use in limit_uses(dense_phase(p)))
-        if worst is not None and worst.relative > SWITCHING.exceeded:
+        if worst is not None and worst.relative > EXCEEDED:
             return _Verdict(
                 Status.LIMITS_EXCEEDED,
                 f"Between mesh points {worst.kind} {worst.name} of {worst.phase!r} is "
