@@ -22,8 +22,6 @@ Theory: docs/theory/certificates.md, equation (5) and "Hamiltonian".
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import casadi as ca
 import numpy as np
 
@@ -99,21 +97,8 @@ def hamiltonian_of(phase: PhaseSolution, part: Derivatives, lam_x: FloatArray) -
     )
 
 
-@dataclass(frozen=True)
-class MinimumSettings:
-    """Controls that are compared in the test of the minimum condition.
-
-    Attributes
-    ----------
-    tried : number of values between the bounds of a control, and number of quantiles of its values
-    keeps : relative excess of a constraint above which a control is rejected
-    """
-
-    tried: int = 9
-    keeps: float = 1e-6
-
-
-SETTINGS = MinimumSettings()
+VALUES_TRIED = 9  # values of a control between its bounds, and quantiles of its own values
+ALLOWED_EXCESS = 1e-6  # excess of a constraint by another control, relative to its scale
 
 
 def better_controls(solution: Solution) -> tuple[float, dict[str, dict[str, FloatArray]]]:
@@ -159,7 +144,7 @@ def _of_phase(phase: PhaseSolution, multipliers: FloatArray) -> tuple[float, dic
         sums = slopes[-1] + np.einsum("ki,ik->k", costates, slopes[:-1])
         for limit in declared.constraints:
             values_there = at.expressions.function([limit.expression])(table).full()
-            room = SETTINGS.keeps * limit.scale[:, None]
+            room = ALLOWED_EXCESS * limit.scale[:, None]
             below, above = limit.lower[:, None] - room, limit.upper[:, None] + room
             broken = (values_there < below) | (values_there > above)
             sums = np.where(broken.any(axis=0), np.inf, sums)
@@ -169,8 +154,8 @@ def _of_phase(phase: PhaseSolution, multipliers: FloatArray) -> tuple[float, dic
     best, values = before.copy(), {c.name: sampled[c.name].copy() for c in looked_at}
     for control in looked_at:
         for component in np.flatnonzero(np.isfinite(control.upper - control.lower)).tolist():
-            even = np.linspace(control.lower[component], control.upper[component], SETTINGS.tried)
-            shares = np.linspace(0.0, 1.0, SETTINGS.tried)
+            even = np.linspace(control.lower[component], control.upper[component], VALUES_TRIED)
+            shares = np.linspace(0.0, 1.0, VALUES_TRIED)
             quantiles = np.quantile(sampled[control.name][:, component], shares)
             for value in np.union1d(even, quantiles):
                 tried = values[control.name].copy()

@@ -54,7 +54,6 @@ from microbot_ocp.ocp.verification._conditions import (
 )
 from microbot_ocp.ocp.verification._hamiltonian import costates_of, hamiltonian_of
 from microbot_ocp.ocp.verification._limits import (
-    THRESHOLDS,
     DensePhase,
     arcs_of,
     dense_phase,
@@ -332,6 +331,9 @@ def _component(name: str, component: int) -> str:
     return f"{name}[{component}]" if component else name
 
 
+WORTHLESS = 1e-4  # price below which an arc is dropped, relative to the cost
+
+
 def verify(
     problem: OptimalControlProblem | Transcription,
     solution: Solution,
@@ -384,7 +386,7 @@ def verify(
     point, pairs = judged.point, list(zip(judged.phases, judged.derivatives, strict=True))
     costates = tuple(costates_of(phase, part, point.lam_g) for phase, part in pairs)
     hamiltonians = tuple(hamiltonian_of(phase, part, point.lam_x) for phase, part in pairs)
-    worth = THRESHOLDS.worthless * max(abs(solution.cost), 1e-6)
+    worth = WORTHLESS * max(abs(solution.cost), 1e-6)
     arcs = tuple(arcs_of(judged.dense, point, worth))
     failures = [failure.sentence for failure in judged.failures]
     coarse = any(failure.status is Status.TOO_COARSE for failure in judged.failures)

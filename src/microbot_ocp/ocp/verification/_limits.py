@@ -181,26 +181,6 @@ def relative_excess(dense: DensePhase) -> FloatArray:
     return worst.reshape(-1, POINTS + 1)
 
 
-@dataclass(frozen=True)
-class ArcThresholds:
-    """Thresholds that decide whether a limit is active.
-
-    Attributes
-    ----------
-    active : distance below which a limit is active, relative to its size
-    nearly_active : distance below which a limit is active if its multiplier is large enough,
-        relative to its size
-    worthless : price below which an arc is dropped, relative to the cost
-    """
-
-    active: float = 1e-4
-    nearly_active: float = 1e-2
-    worthless: float = 1e-4
-
-
-THRESHOLDS = ArcThresholds()
-
-
 class SideRun(NamedTuple):
     """Run of equal entries: indices from ``begin`` up to but excluding ``after``."""
 
@@ -244,6 +224,10 @@ def _prices(phases: Sequence[DensePhase], point: Point) -> dict[tuple[str, str, 
     return {key: np.array(points, dtype=float) for key, points in entries.items()}
 
 
+ACTIVE = 1e-4  # distance below which a limit is active, relative to its size
+NEARLY_ACTIVE = 1e-2  # distance below which it is active if its multiplier is larger
+
+
 def _acting(dense: DensePhase, limited: Limited, prices: np.ndarray) -> Iterator[Arc]:
     """Yield the arcs of a phase on which one limit is active, with their prices."""
     phase, size = dense.phase, limited.size
@@ -257,8 +241,8 @@ def _acting(dense: DensePhase, limited: Limited, prices: np.ndarray) -> Iterator
         strength = np.zeros(phase.mesh.size)
         np.maximum.at(strength, prices[:, 1].astype(int), push * size)
         # Complementarity: a limit is active if its slack is zero, or smaller than its multiplier.
-        active = slack <= THRESHOLDS.active
-        active |= (slack <= THRESHOLDS.nearly_active) & (strength[dense.interval] > slack)
+        active = slack <= ACTIVE
+        active |= (slack <= NEARLY_ACTIVE) & (strength[dense.interval] > slack)
         for first, last in _joined_runs(dense, active):
             start, end = float(dense.t[first]), float(dense.t[last])
             near = prices[:, 0] >= start / phase.duration - reach

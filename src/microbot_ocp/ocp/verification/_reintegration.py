@@ -26,30 +26,13 @@ from microbot_ocp.ocp.transcription.schemes import lagrange, within_bounds
 from microbot_ocp.ocp.verification._certificate import ResimulationCheck
 
 
-@dataclass(frozen=True)
-class Reintegration:
-    """Settings of the integrator.
-
-    Attributes
-    ----------
-    tolerance : absolute tolerance of the scaled states, and relative tolerance
-    most_steps : limit of the integrator's steps per interval
-    smallest_weight : least magnitude of a state that its error is relative to, as a fraction of its
-        scale
-    """
-
-    tolerance: float = 1e-11
-    most_steps: int = 20_000
-    smallest_weight: float = 1e-2
-
-
-REINTEGRATION = Reintegration()
-
-
 def mesh_states(phase: PhaseSolution) -> FloatArray:
     """Return all states [N+1, n] at the mesh points."""
     states = phase.laid_out.phase.states
     return np.hstack([phase.values[state.name] for state in states])
+
+
+LEAST_SIZE = 1e-2  # least size of a state that errors are relative to, as a fraction of its scale
 
 
 def state_weights(phase: PhaseSolution) -> FloatArray:
@@ -59,7 +42,7 @@ def state_weights(phase: PhaseSolution) -> FloatArray:
     stays zero has no relative error.
     """
     scale = np.concatenate([state.scale for state in phase.laid_out.phase.states])
-    return np.maximum(np.abs(mesh_states(phase)).max(axis=0), REINTEGRATION.smallest_weight * scale)
+    return np.maximum(np.abs(mesh_states(phase)).max(axis=0), LEAST_SIZE * scale)
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,13 +215,17 @@ def _equation(layout: PhaseLayout, cost: bool) -> _Equation:
     return _Equation(dae, ca.vertcat(*parts, ca.MX(0, 1)), scale)
 
 
+INTEGRATION_TOLERANCE = 1e-11  # absolute tolerance of the scaled states, and relative tolerance
+MOST_STEPS = 20_000  # steps of the integrator in an interval
+
+
 def _integrator(layout: PhaseLayout, method: str, cost: bool) -> ca.Function:
     """Return the function ``(x at the start, data) -> (x at the end, running cost integral)``."""
     dae, guesses, scale = _equation(layout, cost)
     options: dict[str, Any] = {
-        "abstol": REINTEGRATION.tolerance,
-        "reltol": REINTEGRATION.tolerance,
-        "max_num_steps": REINTEGRATION.most_steps,
+        "abstol": INTEGRATION_TOLERANCE,
+        "reltol": INTEGRATION_TOLERANCE,
+        "max_num_steps": MOST_STEPS,
         "quad_err_con": True,  # the error of the running cost limits the step too
         "disable_internal_warnings": True,
         "show_eval_warnings": False,
