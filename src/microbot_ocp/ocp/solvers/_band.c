@@ -277,6 +277,7 @@ static int factor_band(const Layout *o, double *a)
         /* Trailing zeros stay zero: a short column updates few others. */
         while (length > 1 && column[length - 1] == 0.0) length--;
         for (int i = 0; i < length; i++) kept[i] = column[i] *= inverse;
+        /* Zeros behind the column complete the last vector of every update. */
         for (int i = length; i < length + WIDE; i++) kept[i] = 0.0;
         for (int i = 1; i < length; i++) {
             double *to = column + (long)i * width;
@@ -399,6 +400,7 @@ static void solve(const Layout *o, double *a, const int *place, double *right)
         const double sigma = a[o->sigma + r], scale = 1.0 - sigma * a[o->delta + r];
         add_times_row(o, a, r, (sigma * of_rows[r] + of_slacks[r]) / scale, x);
     }
+    /* Band and border of the factor: L z = x and S w = border - X z, */
     forward(o, a, x);
     for (int b = 0; b < nb; b++) {
         const double *l = a + o->l + b * o->side;
@@ -406,6 +408,7 @@ static void solve(const Layout *o, double *a, const int *place, double *right)
         for (int k = 0; k < b; k++) border[b] -= s[b * nb + k] * border[k];
         border[b] /= s[b * nb + b];
     }
+    /* and backwards S' border = w and L' x = z - X' border. */
     for (int b = nb - 1; b >= 0; b--) {
         for (int k = b + 1; k < nb; k++) border[b] -= s[k * nb + b] * border[k];
         border[b] /= s[b * nb + b];
@@ -444,6 +447,7 @@ static double residual(const Layout *o, double *a, const int *place, const doubl
         left[n + m + r] = right[n + m + r] - row_times(o, a, r, x) + s[r] - a[o->delta + r] * y[r];
         add_times_row(o, a, r, y[r], product);
     }
+    /* The columns of H hold its lower triangle: an entry off the diagonal counts twice. */
     for (int j = 0; j < band; j++) {
         const double *column = a + o->h + (long)j * o->width;
         double sum = column[0] * x[j];

@@ -23,30 +23,10 @@ from microbot_ocp.ocp.solvers._ldl import BAND
 from microbot_ocp.ocp.solvers._plugins import SolverSettings, create
 from microbot_ocp.ocp.transcription import Program
 
-
-@dataclass(frozen=True)
-class RunSettings:
-    """Enforcement of time limits.
-
-    Attributes
-    ----------
-    large : number of variables above which one factorisation of IPOPT may exceed the time limit
-    earlier : time by which a solver stops before its process is killed, as a fraction of the limit
-    least_earlier : least such time, s
-    silence : processor time without an evaluation after which fatrop is killed, s: it loops if no
-        regularisation makes its matrix definite. Iterations take far less; the counter includes
-        the previous work of the process
-    most : time limit of a solver that may not end by itself, if no limit is set, s
-    """
-
-    large: int = 2000
-    earlier: float = 0.02
-    least_earlier: float = 0.1
-    silence: float = 10.0
-    most: float = 600.0
-
-
-SETTINGS = RunSettings()
+LARGE_PROGRAM = 2000  # variables above which one factorisation of IPOPT may exceed a time limit
+# A solver stops before its process is killed, so that its last point is returned.
+EARLIER_SHARE = 0.02  # fraction of the time limit by which it stops earlier
+LEAST_EARLIER = 0.1  # s
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +78,7 @@ class Runner:
         if self.solvers is None:
             left = deadline.left()
             if forks:  # stop before the process is killed, so that the result is returned
-                left -= max(SETTINGS.earlier * left, SETTINGS.least_earlier)
+                left -= max(EARLIER_SHARE * left, LEAST_EARLIER)
                 watch = watch or LastIterate(self.program, name)
         solver = (
             _Answer(interrupted=True)
@@ -128,7 +108,7 @@ class Runner:
         reused = self.solvers is not None and self.progress is None
         endless = reused and not np.isfinite(self.settings.time_limit)
         banded = self.settings.options.get("ipopt", {}).get("linear_solver") == BAND
-        short = (size <= SETTINGS.large or banded) and not endless
+        short = (size <= LARGE_PROGRAM or banded) and not endless
         return name == "ipopt" and (short or not np.isfinite(deadline.left()))
 
     def _solver(
@@ -243,6 +223,12 @@ def _answered(call: Callable[[], _Answer], name: str, watch: Watch | None) -> _A
             return _Answer(broken="" if asked else first_cause(problem), interrupted=interrupted())
 
 
+LONGEST_RUN = 600.0  # s, for a solver that may not end by itself, if no time limit is set
+# fatrop loops forever if no regularisation makes its matrix definite. The counter includes the
+# previous work of the process.
+LONGEST_SILENCE = 10.0  # processor time without an evaluation after which fatrop is killed, s
+
+
 def _answered_by_child(call: Callable[[], _Answer], name: str, watch: Watch | None) -> _Answer:
     last_iterate = watch if isinstance(watch, LastIterate) else None
 
@@ -260,9 +246,9 @@ def _answered_by_child(call: Callable[[], _Answer], name: str, watch: Watch | No
         assert watch is not None
         return watch.report(*iterate)
 
-    until = min(deadline.until(), time.perf_counter() + SETTINGS.most)
+    until = min(deadline.until(), time.perf_counter() + LONGEST_RUN)
     # fatrop may loop forever between evaluations.
-    silence = SETTINGS.silence if name == "fatrop" and watch is not None else np.inf
+    silence = LONGEST_SILENCE if name == "fatrop" and watch is not None else np.inf
     look = None if last_iterate is None else last_iterate.look
     try:
         most = deadline.work_left()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 
 import casadi as ca
@@ -14,35 +13,15 @@ from microbot_ocp._base.quiet import quiet
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Range, Variable, parts_of
 from microbot_ocp.ocp.transcription import Guess, Guesses, GuessValue, sampled
 
-
-@dataclass(frozen=True)
-class RolloutSettings:
-    """Controls of the simulations, and settings of the integrator.
-
-    Attributes
-    ----------
-    levels : constant values of all controls that are simulated, as fractions of their ranges
-    steps : values of all controls in both halves of every phase, as fractions of their ranges
-    factors : number of components for which all combinations of two values are simulated
-    middle : index of the grid point at which controls change; both halves have as many steps
-    tolerance : relative tolerance of the integrator
-    small : absolute tolerance of the integrator
-    explodes : size of a state relative to the usual guess above which a simulation is rejected
-    """
-
-    levels: tuple[float, ...] = (0.5, 0.2, 0.1, 0.8, 0.0, 1.0)
-    steps: tuple[tuple[float, float], ...] = ((0.2, 1.0), (0.8, 0.0), (0.0, 1.0), (1.0, 0.0))
-    factors: int = 4
-    middle: int = 50
-    tolerance: float = 1e-6
-    small: float = 1e-10
-    explodes: float = 1e4
-
-
-SETTINGS = RolloutSettings()
+# Fractions of the ranges of all controls: constant, or in the two halves of every phase.
+LEVELS = (0.5, 0.2, 0.1, 0.8, 0.0, 1.0)
+STEPS = ((0.2, 1.0), (0.8, 0.0), (0.0, 1.0), (1.0, 0.0))
+COMBINED = 4  # components for which all combinations of two values are simulated
+EXPLODED = 1e4  # size of a state above which a simulation is rejected, relative to the usual guess
+MIDDLE = 50  # grid point at which controls change; both halves have as many steps
 
 FACTORS = 10.0 ** np.arange(-6.0, 9.5, 0.5)  # simulated durations relative to the usual ones
-POINTS = 2 * SETTINGS.middle + 1  # grid points of every phase
+POINTS = 2 * MIDDLE + 1  # grid points of every phase
 GRID = np.linspace(0.0, 1.0, POINTS)
 Ranges = Mapping[str, Mapping[str, Range]]
 Shares = tuple[float, float] | np.ndarray  # fractions in both halves, or mask of extreme components
@@ -118,7 +97,7 @@ class Rollouts:
         The extreme is the end on the other side of zero. All combinations of the first few
         components are simulated, with random choices of the others. Empty for one component.
         """
-        full, draw = min(self.components, SETTINGS.factors), np.random.default_rng(0)
+        full, draw = min(self.components, COMBINED), np.random.default_rng(0)
         numbers = range(1, 2**full) if self.components > 1 else ()
         others = draw.integers(0, 2, (2**full, max(self.components - full, 0)))
         all_sides = [np.append(number >> np.arange(full) & 1, others[number]) for number in numbers]
@@ -142,7 +121,7 @@ class Rollouts:
 
     def _nearest(self, durations: Mapping[str, float], *, steps: bool) -> list[Scored]:
         """Return guesses with their distances, nearest first."""
-        pairs = [*((share, share) for share in SETTINGS.levels), *(SETTINGS.steps if steps else ())]
+        pairs = [*((share, share) for share in LEVELS), *(STEPS if steps else ())]
         return self._finite(durations, pairs if self.components else pairs[:1])
 
     def _finite(self, durations: Mapping[str, float], shares: Sequence[Shares]) -> list[Scored]:
@@ -187,7 +166,7 @@ class Rollouts:
                 size = np.maximum(np.abs(clipped).max(axis=0), 1e-6)
                 ends = sampled(phase_guess.values.get(state.name), state, np.array([0.0, 1.0]))
                 usual = np.abs(ends).max(axis=0)
-                if np.any(size > SETTINGS.explodes * np.maximum(usual, 1.0)):
+                if np.any(size > EXPLODED * np.maximum(usual, 1.0)):
                     miss = np.inf
                 miss += float((np.abs(part - clipped).max(axis=0) / size).sum())
                 if state.final is not None:
@@ -247,6 +226,9 @@ def _along(table: FloatArray, s: FloatArray) -> FloatArray:
     return np.column_stack([np.interp(s, grid, column) for column in table.T])
 
 
+RELATIVE_TOLERANCE, ABSOLUTE_TOLERANCE = 1e-6, 1e-10  # tolerances of the integrator
+
+
 class _Integrators:
     """Integrators of the dynamics of a phase over a fraction of its time, at constant controls."""
 
@@ -268,9 +250,9 @@ class _Integrators:
         if phase.algebraics:
             dae |= {"z": algebraic, "alg": equations}
         self.z = np.concatenate([*(_at_start(guess, a) for a in phase.algebraics), np.zeros(0)])
-        options = {"abstol": SETTINGS.small, "reltol": SETTINGS.tolerance, "max_num_steps": 500}
+        options = {"abstol": ABSOLUTE_TOLERANCE, "reltol": RELATIVE_TOLERANCE, "max_num_steps": 500}
         options |= {"show_eval_warnings": False, "disable_internal_warnings": True}
-        kind, until = "idas" if phase.algebraics else "cvodes", GRID[1 : SETTINGS.middle + 1]
+        kind, until = "idas" if phase.algebraics else "cvodes", GRID[1 : MIDDLE + 1]
         self.half = ca.integrator("rollout", kind, dae, 0.0, until, options)
 
     def table(
@@ -285,7 +267,7 @@ class _Integrators:
         table = np.full((POINTS, x.size), np.nan)
         table[0] = x
         for half in range(2):
-            first, held = half * SETTINGS.middle, [pair[half] for pair in controls.values()]
+            first, held = half * MIDDLE, [pair[half] for pair in controls.values()]
             given = np.concatenate([[GRID[first], duration], *held, *free])
             if not np.isfinite(table[first]).all():
                 break
@@ -294,6 +276,6 @@ class _Integrators:
                     result = self.half(x0=table[first], z0=z, p=given)
             except RuntimeError:
                 break
-            table[first + 1 : first + 1 + SETTINGS.middle] = np.array(result["xf"]).T
+            table[first + 1 : first + 1 + MIDDLE] = np.array(result["xf"]).T
             z = np.array(result["zf"]).T[-1]
         return table

@@ -13,7 +13,7 @@ in suitable units is solved as written.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -38,37 +38,10 @@ from microbot_ocp.ocp.starts._initial_guess import completed, default_guess, gue
 from microbot_ocp.ocp.starts._rollout import rollouts
 from microbot_ocp.ocp.transcription import Guess, Guesses, Program, sampled
 
-
-@dataclass(frozen=True)
-class ScalingSettings:
-    """Settings of the search for sizes.
-
-    Attributes
-    ----------
-    points : number of points along a guess at which expressions are evaluated
-    rounds : largest number of rounds in which sizes follow from other sizes
-    loose : ratio of bounds to guess above which bounds do not indicate the size of a control
-    tiny : size of a guess below which it counts as zero, relative to its bounds, or to one
-    least : size of a rate below which it counts as zero, relative to the motion of a state during
-        the phase, or to one
-    peak : fraction of the largest rate that counts if most rates are smaller, as around a pulse
-    band : factor around one within which sizes are not scaled
-    cost : target change of the scaled cost
-    cost_band : factor around one within which changes of the cost are not scaled
-    """
-
-    points: int = 40
-    rounds: int = 10
-    loose: float = 1e3
-    tiny: float = 1e-9
-    least: float = 1e-6
-    peak: float = 1e-3
-    band: float = 10.0
-    cost: float = 10.0
-    cost_band: float = 100.0
-
-
-SETTINGS = ScalingSettings()
+POINTS = 40  # points along a guess at which expressions are evaluated
+MOST_ROUNDS = 10  # rounds in which sizes follow from other sizes
+NEGLIGIBLE = 1e-6  # ratio to the scale, the motion or the rate below which a size counts as zero
+PEAK_SHARE = 1e-3  # fraction of the largest rate that counts if most are smaller, as at a pulse
 
 
 def scaled(problem: OptimalControlProblem, guess: Given = None) -> OptimalControlProblem:
@@ -147,7 +120,7 @@ def driving_ranges(
         estimate = _SizeEstimate(phase, given[phase.name], ordinary[phase.name], {})
         for v in phase.variables:
             reached = np.abs(estimate.tables[v.name]).max(axis=0)
-            estimate.sizes[v.name] = np.where(reached > SETTINGS.least * v.scale, reached, v.scale)
+            estimate.sizes[v.name] = np.where(reached > NEGLIGIBLE * v.scale, reached, v.scale)
         drives, tables, states = estimate.drives(), estimate.tables, phase.states
         parameters = [v for v in phase.free_parameters if v.name in shared]
         widths = {v.name: 2 * drives[v.name] for v in (*phase.controls, *parameters)}
@@ -167,6 +140,11 @@ def driving_ranges(
     }
 
 
+COST_CHANGE = 10.0  # change of the scaled cost if all scaled variables change by one
+COST_BAND = 100.0  # factor around one within which changes of the cost are not scaled
+BAND = 10.0  # factor around one within which other sizes are not scaled
+
+
 def cost_scale(program: Program, x: FloatArray) -> float:
     """Return a divisor of the cost: it then changes by ten if all scaled variables change by one.
 
@@ -178,11 +156,11 @@ def cost_scale(program: Program, x: FloatArray) -> float:
     for point in (x, beside):
         slope = program.slopes(point)[0]
         sizes.append(float(np.abs(slope).sum()))
-    change = max((size for size in sizes if np.isfinite(size)), default=SETTINGS.cost)
-    return float(_rounded(np.array(change / SETTINGS.cost), SETTINGS.cost_band))
+    change = max((size for size in sizes if np.isfinite(size)), default=COST_CHANGE)
+    return float(_rounded(np.array(change / COST_CHANGE), COST_BAND))
 
 
-def _rounded(size: FloatArray, band: float = SETTINGS.band) -> FloatArray:
+def _rounded(size: FloatArray, band: float = BAND) -> FloatArray:
     """Return powers of ten; one for a size within ``band`` of one, or an unknown size."""
     positive = np.isfinite(size) & (size > 0)
     size = np.where(positive, size, 1.0)
@@ -208,7 +186,7 @@ class _SizeEstimate:
         if not (np.isfinite(guessed) and guessed > 0):
             guessed = float(ordinary.duration or 1.0)
         self.duration = guessed
-        self.share = np.linspace(0.0, 1.0, SETTINGS.points)
+        self.share = np.linspace(0.0, 1.0, POINTS)
         values = {} if given is None else given.values
         self.tables = {
             v.name: sampled(values.get(v.name, ordinary.values.get(v.name, 0.0)), v, self.share)
@@ -257,7 +235,7 @@ class _SizeEstimate:
         reached = [self.reached.get(s.name, np.zeros(s.size)) for s in self.phase.states]
         most = np.concatenate(reached)
         most[most == 0] = np.inf
-        for _ in range(SETTINGS.rounds):
+        for _ in range(MOST_ROUNDS):
             sizes = self._stacked()
             if np.isfinite(sizes).all():
                 return
@@ -265,11 +243,11 @@ class _SizeEstimate:
             states = sum(s.size for s in self.phase.states)
             with np.errstate(all="ignore"):
                 rates, peaks = _typical(np.abs(values)), _typical(np.abs(values), 100)
-                forward = self.duration * np.fmax(rates, SETTINGS.peak * peaks)
+                forward = self.duration * np.fmax(rates, PEAK_SHARE * peaks)
                 moved = self.duration * _typical(np.abs(slopes)) * np.nan_to_num(sizes)
                 moved = np.where(moved.any(axis=1), moved.max(axis=1), 1.0)
-                forward = np.fmax(np.fmin(forward, most), SETTINGS.least * forward)
-                forward[forward < SETTINGS.least * moved] = 0.0
+                forward = np.fmax(np.fmin(forward, most), NEGLIGIBLE * forward)
+                forward[forward < NEGLIGIBLE * moved] = 0.0
             backward = self._backward(sizes, slopes)
             unknown = np.isnan(sizes)
             new = np.full(sizes.size, np.nan)
@@ -329,7 +307,7 @@ class _SizeEstimate:
         The M points are the guess and random points within the sizes around it.
         """
         random, phase = np.random.default_rng(0), self.phase
-        values, speeds, count = {}, {}, SETTINGS.points
+        values, speeds, count = {}, {}, POINTS
         for v in self.variables:
             table, size = self.tables[v.name], np.nan_to_num(self.sizes[v.name])
             around = table + size * random.uniform(-1.0, 1.0, (count, v.size))
@@ -355,10 +333,14 @@ class _SizeEstimate:
 def _least_sizes(solution: Solution) -> dict[str, dict[str, FloatArray]]:
     """Return the values by phase and variable below which a solution is numerically zero."""
     return {
-        phase.name: {v.name: SETTINGS.least * v.scale for v in phase.layout.phase.variables}
+        phase.name: {v.name: NEGLIGIBLE * v.scale for v in phase.layout.phase.variables}
         for phase in solution.phases
         if phase.layout is not None
     }
+
+
+TINY = 1e-9  # size of a guess below which it counts as zero, relative to its bounds, or to one
+LOOSE_RATIO = 1e3  # ratio of bounds to guess above which bounds do not indicate a size
 
 
 def _size(
@@ -374,18 +356,18 @@ def _size(
     if guess is not None:
         size = np.abs(guess).max(axis=0)
         # A value within rounding of zero, left by a computation, is no size.
-        least = np.fmax(SETTINGS.tiny * np.where(bounded, bounds, 1.0), least_size)
+        least = np.fmax(TINY * np.where(bounded, bounds, 1.0), least_size)
         sizes.append(np.where(size > least, size, 0.0))
     for condition in (variable.initial, variable.final):
         if condition is not None:
             sizes += [np.where(np.isfinite(side), np.abs(side), 0.0) for side in condition]
     typical = np.max(sizes, axis=0)
     if variable.shape not in ("state", "parameter"):  # controls often reach their bounds
-        near = bounded & ((typical == 0) | (bounds <= SETTINGS.loose * typical))
+        near = bounded & ((typical == 0) | (bounds <= LOOSE_RATIO * typical))
         typical = np.where(near, bounds, typical)
     elif variable.shape == "state" and (variable.initial is None or variable.final is None):
         # One end that is small beside the bounds, the other being free: the dynamics tell the size.
-        small = (typical > 0) & (bounds > SETTINGS.loose * typical)
+        small = (typical > 0) & (bounds > LOOSE_RATIO * typical)
         typical = np.where(small, np.nan, typical)
     typical = np.where(typical == 0, bounds, typical)
     return np.where(typical > 0, np.fmin(typical, np.where(bounded, bounds, np.inf)), np.nan)
