@@ -334,9 +334,8 @@ def test_no_more_starts_are_tried_where_the_first_agree(monkeypatch):
     first = solve(double_integrator())
     assert first.status.solved
     count = len(solved)
-    assert (
-        count <= 1 + _other_starts.COMPARISON.agree + _other_starts.COMPARISON.simulated
-    )  # the answer itself, too
+    # The answer itself is compared, too.
+    assert count <= 1 + _other_starts.ENOUGH_AGREE + _other_starts.LEAST_SIMULATIONS
     solve(double_integrator(), 20, first)
     assert len(solved) == count  # a solution was compared when it was found
 
@@ -418,9 +417,7 @@ def test_a_solver_that_is_ended_leaves_its_last_iterate(monkeypatch):
         time.sleep(60.0)
 
     monkeypatch.setattr(_run, "_called", and_goes_on)
-    monkeypatch.setattr(
-        _run, "SETTINGS", _run.RunSettings(large=0)
-    )  # every solve in a process of its own
+    monkeypatch.setattr(_run, "LARGE_PROGRAM", 0)  # every solve in a process of its own
     whole = solve(double_integrator(), 10, settings=SolverSettings("ipopt"), time_limit=1.0)
     assert whole.status is Status.TIME_LIMIT
     assert whole.attempts[0].iterations > 3

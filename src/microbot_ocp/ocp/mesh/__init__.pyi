@@ -1,7 +1,6 @@
 """Public names, loaded on first use."""
 
 from ._mesh_error import (
-    DIVISION as DIVISION,
     Refinement as Refinement,
     Round as Round,
     divide as divide,

@@ -25,22 +25,8 @@ from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, cost_size
 from microbot_ocp.ocp.verification import Recomputation, each_interval, interval_errors
 
-
-@dataclass(frozen=True)
-class Division:
-    """Division of intervals.
-
-    Attributes
-    ----------
-    most_pieces : largest number of pieces of an interval in one round: estimates may be poor
-    safety : target error of the divided intervals, relative to the accuracy
-    """
-
-    most_pieces: int = 6
-    safety: float = 0.5
-
-
-DIVISION = Division()
+MOST_PIECES = 6  # pieces of an interval in one round: estimates of errors may be poor
+SAFETY = 0.5  # target error of the divided intervals, relative to the accuracy
 
 
 def state_errors(solution: Solution) -> list[FloatArray]:
@@ -75,8 +61,8 @@ def divide(mesh: FloatArray, errors: FloatArray, accuracy: float, order: int) ->
     if errors.max() <= accuracy:
         return mesh.copy()
     # n pieces reduce the error of an interval by n^(order + 1).
-    wanted = np.ceil((errors / (DIVISION.safety * accuracy)) ** (1.0 / (order + 1)))
-    pieces = np.clip(wanted, 1, DIVISION.most_pieces).astype(int)
+    wanted = np.ceil((errors / (SAFETY * accuracy)) ** (1.0 / (order + 1)))
+    pieces = np.clip(wanted, 1, MOST_PIECES).astype(int)
     parts = [
         np.linspace(a, b, n, endpoint=False)
         for a, b, n in zip(mesh[:-1], mesh[1:], pieces, strict=True)

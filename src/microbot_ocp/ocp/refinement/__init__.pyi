@@ -7,9 +7,10 @@ from ._accuracy import (
     RefinementStep as RefinementStep,
 )
 from ._judged import (
+    BARRIER_NEAR_BOUNDS as BARRIER_NEAR_BOUNDS,
     CONVERGED as CONVERGED,
-    COST as COST,
-    IMPROVEMENT as IMPROVEMENT,
+    SETTLED_CHANGE as SETTLED_CHANGE,
+    UNREACHED_SAVING as UNREACHED_SAVING,
     improvable as improvable,
     improved as improved,
     judged as judged,

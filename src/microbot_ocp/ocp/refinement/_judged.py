@@ -46,54 +46,10 @@ CONVERGED = (Status.SOLVED, Status.GAP_LEFT)
 # No other strategy would change these statuses.
 FINAL = (*CONVERGED, Status.INTERRUPTED, Status.TOO_COARSE, Status.OUTSIDE_TABLE)
 
-
-@dataclass(frozen=True)
-class CostSettings:
-    """Thresholds for a settled cost if no accuracy is given.
-
-    Attributes
-    ----------
-    settled : factor on the target change below which the cost counts as settled at the last mesh
-    finer : ratio of intervals between two meshes whose costs indicate the error of the coarser one
-    unmet : relative saving that other controls promise but no solve reaches, above which the cost
-        is not settled
-    """
-
-    settled: float = 5.0
-    finer: float = 1.5
-    unmet: float = 1e-2
-
-    @property
-    def most_left(self) -> float:
-        """Relative change of the cost below which it counts as settled."""
-        return self.settled * PASSING.cost
-
-
-COST = CostSettings()
-
-
-@dataclass(frozen=True)
-class Improvement:
-    """Thresholds and limits of solves from controls with a smaller Hamiltonian.
-
-    Attributes
-    ----------
-    worth : relative saving below which no solve is tried
-    least_gain : fraction of the promised saving that a solve must reach; chattering controls reach
-        little of it
-    solves : largest number of solves
-    barrier : initial barrier parameter: small, so that the start is kept near its bounds
-    iterations : iteration limit of a solve
-    """
-
-    worth: float = 1e-5
-    least_gain: float = 0.2
-    solves: int = 6
-    barrier: float = 1e-6
-    iterations: int = 200
-
-
-IMPROVEMENT = Improvement()
+SETTLED_CHANGE = 5.0 * PASSING.cost  # relative change of the cost below which it is settled
+UNREACHED_SAVING = 1e-2  # relative saving that a settled cost may still miss
+MESH_RATIO = 1.5  # least ratio of intervals of two meshes whose costs show an error
+BARRIER_NEAR_BOUNDS = 1e-6  # initial barrier parameter that keeps a start near its bounds
 
 
 @dataclass(frozen=True)
@@ -273,7 +229,7 @@ class _RefinementLoop:
         for each in reversed(rounds):
             if self._at_saddle(each.measure):
                 return CostExtrapolation()
-            if COST.finer * sum(each.measure.step.intervals) <= count:
+            if MESH_RATIO * sum(each.measure.step.intervals) <= count:
                 costs = solution.cost, each.solution.cost
                 size = max(cost_size(cost, solution.cost_scale) for cost in costs)
                 return each.measure.extrapolation.updated(abs(costs[0] - costs[1]) / size)
@@ -287,7 +243,7 @@ class _RefinementLoop:
         meshes = goal.finer(solution, assessment.judgement, assessment.step, whole=whole)
         if whole and _intervals(meshes) > goal.most_intervals:
             meshes = goal.finer(solution, assessment.judgement, assessment.step, whole=False)
-            least = ceil(COST.finer * sum(assessment.step.intervals))
+            least = ceil(MESH_RATIO * sum(assessment.step.intervals))
             if _intervals(meshes) < least <= goal.most_intervals:
                 meshes = _widest_halved(meshes, least)
         return meshes
@@ -319,7 +275,7 @@ class _RefinementLoop:
         count, error = sum(last.step.intervals), last.worst
         for before in (each.measure for each in reversed(rounds)):
             growth = count / sum(before.step.intervals)
-            if last.coarse and growth >= COST.finer:
+            if last.coarse and growth >= MESH_RATIO:
                 order = np.log(max(before.worst / error, 1.0)) / np.log(growth)
                 return order * np.log(self.goal.most_intervals / count) < np.log(error)
         return False
@@ -372,16 +328,16 @@ class _RefinementLoop:
         """
         goal, status = self.goal, state.measure.judgement.status
         failures = state.measure.judgement.failures
-        settled = goal is PASSING and state.measure.extrapolation.estimate <= COST.most_left
+        settled = goal is PASSING and state.measure.extrapolation.estimate <= SETTLED_CHANGE
         missing = list(goal.missing(state.measure.step)) if self.finer and not settled else []
         rises = [] if goal is PASSING else list(History(solution.history).rises(goal.cost))
         solution = solution.remarked(*rises)
-        if not missing and not failures and saved > COST.most_left:
+        if not missing and not failures and saved > SETTLED_CHANGE:
             lost = (
                 f"Other controls promise to save {saved:.1g} of the cost, but no solve reaches it: "
                 "the optimum may be a limit of controls that switch ever faster."
             )
-            if saved <= COST.unmet:
+            if saved <= UNREACHED_SAVING:
                 return solution.remarked(lost), True
             return solution.ended(Status.NO_PROGRESS, lost), True
         if not missing and (status is solution.status or not failures):
@@ -440,15 +396,21 @@ def improvable(solution: Solution) -> float:
     return gain / cost_size(solution.cost, solution.cost_scale)
 
 
+LEAST_GAIN = 1e-5  # relative saving below which no solve is tried
+LEAST_REACHED_SHARE = 0.2  # least fraction of a promised saving; chattering reaches little of it
+MOST_IMPROVEMENTS = 6  # solves from controls with a smaller Hamiltonian
+IMPROVEMENT_ITERATIONS = 200  # iteration limit of such a solve
+
+
 def improved(solution: Solution, context: SolveContext) -> tuple[Solution, list[Attempt]]:
     """Return the solution or a cheaper one on its mesh, and the attempts."""
     attempts: list[Attempt] = []
-    most = min(context.settings.max_iterations, IMPROVEMENT.iterations)
-    how = {"solver": "ipopt", "initial_barrier": IMPROVEMENT.barrier, "max_iterations": most}
-    for _ in range(IMPROVEMENT.solves):
+    most = min(context.settings.max_iterations, IMPROVEMENT_ITERATIONS)
+    how = {"solver": "ipopt", "initial_barrier": BARRIER_NEAR_BOUNDS, "max_iterations": most}
+    for _ in range(MOST_IMPROVEMENTS):
         gain, controls = better_controls(solution)
         size = cost_size(solution.cost, solution.cost_scale)
-        if not gain > IMPROVEMENT.worth * size or context.over:
+        if not gain > LEAST_GAIN * size or context.over:
             break
         guess = {
             name: Guess(old.duration, {**old.values, **controls.get(name, {})})
@@ -456,7 +418,7 @@ def improved(solution: Solution, context: SolveContext) -> tuple[Solution, list[
         }
         tried = context.solve([phase.mesh for phase in solution.phases], guess, **how)
         attempts += named("from controls with a smaller Hamiltonian", tried.attempts)
-        if not (tried.status.solved and tried.cost < solution.cost - IMPROVEMENT.least_gain * gain):
+        if not (tried.status.solved and tried.cost < solution.cost - LEAST_REACHED_SHARE * gain):
             break
         solution = tried.with_rivals_of(solution)
     return solution, attempts

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import cycle, islice, zip_longest
 
@@ -25,8 +25,8 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis import NotFinite, finite_start
 from microbot_ocp.ocp.problem import OptimalControlProblem
-from microbot_ocp.ocp.refinement import IMPROVEMENT, named
-from microbot_ocp.ocp.solution import RIVALS, Attempt, Solution, StartingPoint, cost_size
+from microbot_ocp.ocp.refinement import BARRIER_NEAR_BOUNDS, PASSING, named
+from microbot_ocp.ocp.solution import AGREEING_STARTS, Attempt, Solution, StartingPoint, cost_size
 from microbot_ocp.ocp.solvers import SolveContext, Solvers, run_chain, with_cost_scale
 from microbot_ocp.ocp.starts import (
     Ranges,
@@ -44,63 +44,15 @@ from microbot_ocp.ocp.transcription import (
     guess_table,
 )
 
+# Relative differences of cost.
+LEAST_SAVING = PASSING.cost  # smaller savings are within the error of a settled cost
+SAME = 1e-3  # costs that count as equal on a coarse mesh
+NEAR = 1e-2  # optima that may change order on a fine mesh
+ABOUT_EQUAL = 0.05  # cost on a coarse mesh that is fine enough for a comparison
 
-@dataclass(frozen=True)
-class StartComparison:
-    """Settings of the comparison of a solution with other starts.
-
-    Attributes
-    ----------
-    coarse : intervals per phase of the comparison meshes; the first one on which the solution costs
-        about as much is used
-    fewest : least intervals per phase of a problem with many phases
-    about : relative difference of cost that counts as about equal
-    meshes : intervals of further meshes on which the guess is solved, for other local optima
-    worth : relative saving below which no search is made
-    near : relative difference of cost below which optima may change order on a fine mesh
-    finalists : number of optima that are solved on the mesh of the solution
-    random : number of random curves, if there are different optima
-    waves : largest number of half waves of a random curve
-    heights : standard deviations of the curves in turn, relative to the range of a state
-    push : fraction of the way from the usual controls to random ones along such a curve
-    stretch : standard deviation of the logarithm of a random duration
-    iterations : iteration limit of one solve
-    enough : total iterations after which the comparison ends
-    enough_different : total iterations if there are different optima
-    enough_alone : total iterations if at most one start led to the least cost
-    agree : number of starts with the least cost after which the comparison ends
-    simulated : least number of simulations before it may end: random curves stay near the solution
-    same : relative difference of cost that counts as equal
-    durations : durations of simulations relative to the usual ones, if durations are free
-    least_time : least time limit of a cached solver, s
-    each : number of simulations per entry of ``durations``
-    """
-
-    coarse: tuple[int, ...] = (10, 20, 40)
-    fewest: int = 3
-    about: float = 0.05
-    meshes: tuple[int, ...] = (5, 15)
-    worth: float = 1e-4
-    near: float = 1e-2
-    finalists: int = 3
-    random: int = 24
-    waves: int = 3
-    heights: tuple[float, ...] = (0.6, 0.1)
-    push: float = 0.2
-    stretch: float = 0.3
-    iterations: int = 100
-    enough: int = 500
-    enough_different: int = 2000
-    enough_alone: int = 3000
-    agree: int = 8
-    simulated: int = 5
-    same: float = 1e-3
-    durations: tuple[float, ...] = (0.6, 2.0, 0.3, 4.0)
-    least_time: float = 1.0
-    each: int = 3
-
-
-COMPARISON = StartComparison()
+MOST_FINALISTS = 3  # optima that are solved on the mesh of the solution
+SIMULATIONS_EACH = 3  # simulations for each of DURATION_FACTORS
+MOST_CURVES = 24  # random curves, tried if many starts are wanted
 
 WAY = "from another start"
 CUT_SHORT = "It was not compared with all other starts for want of time."
@@ -134,14 +86,16 @@ def cheaper_elsewhere(
     if answers and answers[-1].status is Status.INTERRUPTED:
         return solution.ended(Status.INTERRUPTED), []
     answers = [k for k in answers if k.status.solved]
-    others = _distinct(answers, here, COMPARISON.worth * size)
-    near = [k for k in others if abs(k.cost - here.cost) <= COMPARISON.near * size]
-    finalists = [k for k in others if k.cost < here.cost - COMPARISON.worth * size]
+    others = _distinct(answers, here, LEAST_SAVING * size)
+    # The coarse mesh does not order optima nearer than NEAR: the mesh of the solution decides.
+    near = [k for k in others if abs(k.cost - here.cost) <= NEAR * size]
+    finalists = [k for k in others if k.cost < here.cost - LEAST_SAVING * size]
     finalists += [k for k in near if k not in finalists]
-    best, attempts = _cheapest_finalist(solution, finalists, context, COMPARISON.worth * size)
+    best, attempts = _cheapest_finalist(solution, finalists, context, LEAST_SAVING * size)
     least = min([here.cost, *(k.cost for k in others)])
-    met = sum(k.cost - least <= COMPARISON.same * size for k in (here, *answers))
-    several = here is comparable and (near or (others and met <= COMPARISON.agree))
+    met = sum(k.cost - least <= SAME * size for k in (here, *answers))
+    # An optimum that only few starts reach may not be the least: the others count as rivals.
+    several = here is comparable and (near or (others and met <= ENOUGH_AGREE))
     rivals = sorted((k.cost - least) / size for k in (here, *others)) if several else ()
     best = replace(best, agreed=met, compared=len(answers))
     if best.status is Status.INTERRUPTED:
@@ -157,7 +111,7 @@ def _cheapest_finalist(
     """Return the cheapest of a solution and its finalists on its mesh, and the attempts."""
     best, attempts = solution, []
     meshes = [phase.mesh for phase in solution.phases]
-    for start in finalists[: COMPARISON.finalists]:
+    for start in finalists[:MOST_FINALISTS]:
         if context.over:
             break
         finer = context.solve(meshes, start, solver="ipopt")
@@ -207,6 +161,9 @@ def _solved(coarse: _CoarseSolver, starts: Iterable[dict[str, Guess]]) -> Iterat
             yield coarse.solved(start)
 
 
+GUESS_MESHES = (5, 15)  # intervals of further meshes on which the guess may lead to other optima
+
+
 def _answers(
     coarse: _CoarseSolver, most: int, here: Solution, guess: Given
 ) -> Iterator[tuple[Solution, bool]]:
@@ -217,20 +174,22 @@ def _answers(
     """
     problem = coarse.context.transcription.problem
     simulated = _solved(coarse, islice(_starts(coarse, most, here), most))
-    if most <= COMPARISON.each + 1:
+    if most <= SIMULATIONS_EACH + 1:
         yield from ((answer, True) for answer in simulated)
         return
     guess = on_any_mesh(guess, problem)
     # The default barrier may outweigh a flat cost and let variables diverge: use a small one first.
-    for intervals, barrier in zip(COMPARISON.meshes, (IMPROVEMENT.barrier, None), strict=True):
+    for intervals, barrier in zip(GUESS_MESHES, (BARRIER_NEAR_BOUNDS, None), strict=True):
         with contextlib.suppress(NotFinite):
             mesh = per_phase(problem, intervals)
             elsewhere = coarse.context.solve(mesh, guess, initial_barrier=barrier)
             yield (coarse.solved(elsewhere) if elsewhere.status.solved else elsewhere), False
-    curves = islice(_curves(problem, here, driving_ranges(problem, here)), COMPARISON.random)
+    curves = islice(_curves(problem, here, driving_ranges(problem, here)), MOST_CURVES)
     kinds = {True: simulated, False: _solved(coarse, curves)}
     solved, tried = dict.fromkeys(kinds, 0), dict.fromkeys(kinds, 0)
     while kinds:
+        # Kinds whose starts all succeed alternate; one whose starts all fail is tried sqrt(n) times
+        # in n tries of one that succeeds.
         kind = max(kinds, key=lambda k: (solved[k] + 1) / (tried[k] + 1) ** 2)
         answer = next(kinds[kind], None)
         if answer is None:
@@ -239,6 +198,14 @@ def _answers(
         solved[kind] += answer.solved
         tried[kind] += 1
         yield answer, kind
+
+
+ENOUGH_AGREE = 8  # starts with the least cost after which the comparison ends
+LEAST_SIMULATIONS = 5  # simulations before it may end: random curves stay near the solution
+# Total iterations after which it ends in any case.
+ENOUGH = 500  # if all starts so far lead to one cost
+ENOUGH_DIFFERENT = 2000  # if there are different optima
+ENOUGH_ALONE = 3000  # if no other start led to the least cost
 
 
 def _until_they_agree(
@@ -255,14 +222,21 @@ def _until_they_agree(
         simulations += simulated
         costs += [answer.cost] if answer.status.solved else []
         off = (np.array(costs) - min(costs)) / size
-        met = int(np.sum(off <= COMPARISON.same))
-        enough = COMPARISON.enough
-        if met < RIVALS.agreed:
-            enough = COMPARISON.enough_alone
-        elif np.any(off > COMPARISON.worth):
-            enough = COMPARISON.enough_different
-        if (met > COMPARISON.agree and simulations >= COMPARISON.simulated) or spent > enough:
+        met = int(np.sum(off <= SAME))
+        enough = ENOUGH
+        if met < AGREEING_STARTS:
+            enough = ENOUGH_ALONE
+        elif np.any(off > LEAST_SAVING):
+            enough = ENOUGH_DIFFERENT
+        if (met > ENOUGH_AGREE and simulations >= LEAST_SIMULATIONS) or spent > enough:
             return
+
+
+HEIGHTS = (0.6, 0.1)  # standard deviations of the curves in turn, relative to the range of a state
+HALF_WAVES = 3  # largest number of half waves of a curve
+STRETCH = 0.3  # standard deviation of the logarithm of a random duration
+PUSH = 0.2  # fraction of the way from the usual controls to random ones
+SMALL_STATE = 1e-4  # size below which a state is at rest at zero, relative to its scale
 
 
 def _curves(
@@ -275,20 +249,20 @@ def _curves(
         np.random.default_rng(1),
     )
     parameters = _parameters(problem, ranges)
-    for share in cycle(COMPARISON.heights):
+    for share in cycle(HEIGHTS):
         guesses = {}
         drawn = next(parameters)
         for phase, solved in zip(problem.phases, here.phases, strict=True):
             ordinary = usual[phase.name]
-            duration = solved.duration * float(np.exp(COMPARISON.stretch * draw.standard_normal()))
+            duration = solved.duration * float(np.exp(STRETCH * draw.standard_normal()))
             values: dict[str, GuessValue] = dict(ordinary.values)
             for state in phase.states:
                 table = solved.values[state.name].reshape(-1, state.size)
-                least, size = COMPARISON.worth * state.scale, np.abs(table).max(axis=0)
+                least, size = SMALL_STATE * state.scale, np.abs(table).max(axis=0)
                 size = np.where(size > least, size, state.scale)
                 reached = np.ptp(table, axis=0)
                 height = share * np.where(reached > least, reached, size)
-                waves = height * draw.standard_normal((COMPARISON.waves, state.size))
+                waves = height * draw.standard_normal((HALF_WAVES, state.size))
                 free = np.array([[side is None] for side in (state.initial, state.final)])
                 moved = 2 * share * size * draw_ends.standard_normal((2, state.size)) * free
                 ends, bounds = table[[0, -1]] + moved, (state.lower, state.upper)
@@ -297,7 +271,7 @@ def _curves(
                 low, high = ranges[phase.name][control.name]
                 usually = np.clip(0.0, low, high)
                 pushed = low + (high - low) * draw.random(low.size)
-                values[control.name] = (1 - COMPARISON.push) * usually + COMPARISON.push * pushed
+                values[control.name] = (1 - PUSH) * usually + PUSH * pushed
             values |= {v.name: drawn[v.name] for v in phase.free_parameters if v.name in drawn}
             guesses[phase.name] = Guess(float(np.clip(duration, *phase.duration_bounds)), values)
         yield guesses
@@ -307,7 +281,7 @@ def _parameters(problem: OptimalControlProblem, ranges: Ranges) -> Iterator[dict
     """Yield free parameters that are spread over their bounds or ranges by Latin hypercubes."""
     known = {name: pair for of_phase in ranges.values() for name, pair in of_phase.items()}
     pairs = {p.name: within(p, known) for p in problem.free_parameters if p.name in known}
-    draw, count = np.random.default_rng(0), COMPARISON.random
+    draw, count = np.random.default_rng(0), MOST_CURVES
     while True:
         strata = {
             name: draw.permuted(np.tile(np.arange(count), (low.size, 1)), axis=1)
@@ -324,8 +298,11 @@ def _parameters(problem: OptimalControlProblem, ranges: Ranges) -> Iterator[dict
 def _curve(ends: Pair, waves: FloatArray, bounds: Pair, s: FloatArray) -> FloatArray:
     """Return a straight line plus sines, clipped to bounds [N, size]."""
     (first, last), share = ends, np.asarray(s)[:, None]
-    sines = np.sin(np.pi * share * np.arange(1, COMPARISON.waves + 1))
+    sines = np.sin(np.pi * share * np.arange(1, HALF_WAVES + 1))
     return np.clip(first + (last - first) * share + sines @ waves, *bounds)
+
+
+DURATION_FACTORS = (0.6, 2.0, 0.3, 4.0)  # simulated durations relative to the usual ones
 
 
 def _starts(
@@ -337,30 +314,38 @@ def _starts(
     ranges = None if here is None else driving_ranges(problem, here)
     cost = None if here is None else coarse.cost
     simulations = Rollouts(problem, ordinary, ranges)
-    nearest = simulations.nearest_first(steps=most > COMPARISON.each, cost=cost) or [ordinary]
+    nearest = simulations.nearest_first(steps=most > SIMULATIONS_EACH, cost=cost) or [ordinary]
     corners = [] if here is None else simulations.corners(cost)
     nearest = [one for pair in zip_longest(nearest, corners) for one in pair if one is not None]
     if all(low == high for low, high in (p.duration_bounds for p in problem.phases)):
         yield from nearest
         return
+    # Half of the starts have the usual durations; the caller takes the others from below.
     yield from nearest[: max(1, most // 2)]
-    for factor in COMPARISON.durations:
+    for factor in DURATION_FACTORS:
         durations = {
             p.name: float(np.clip(factor * (ordinary[p.name].duration or 1.0), *p.duration_bounds))
             for p in problem.phases
         }
-        yield from simulations.nearest_first(durations, steps=True)[: COMPARISON.each]
+        yield from simulations.nearest_first(durations, steps=True)[:SIMULATIONS_EACH]
+
+
+COARSE_MESHES = (10, 20, 40)  # intervals per phase of the meshes of a comparison
+FEWEST_INTERVALS = 3  # per phase of a problem with many phases
+MOST_ITERATIONS = 100  # iteration limit of one solve
+LEAST_TIME = 1.0  # least time limit of a cached solver, s
 
 
 def _comparable(solution: Solution, context: SolveContext) -> tuple[_CoarseSolver, Solution]:
     """Return the coarsest solver on which the solution costs about as much, and its result."""
     size = cost_size(solution.cost, solution.cost_scale)
     fewest = min(phase.mesh.size - 1 for phase in solution.phases)
-    for intervals in COMPARISON.coarse:
+    for intervals in COARSE_MESHES:
         intervals = per_phase(context.transcription.problem, intervals)
         coarse = _CoarseSolver(context, intervals)
         answer = coarse.solved(solution)
-        about = abs(answer.cost - solution.cost) <= COMPARISON.about * size
+        about = abs(answer.cost - solution.cost) <= ABOUT_EQUAL * size
+        # The next mesh has twice the intervals: it would be finer than that of the solution.
         if (answer.status.solved and about) or 2 * intervals > fewest:
             break
     return coarse, answer
@@ -368,13 +353,13 @@ def _comparable(solution: Solution, context: SolveContext) -> tuple[_CoarseSolve
 
 def per_phase(problem: OptimalControlProblem, intervals: int) -> int:
     """Return the intervals per phase, fewer for more than two phases."""
-    return max(COMPARISON.fewest, round(2 * intervals / max(len(problem.phases), 2)))
+    return max(FEWEST_INTERVALS, round(2 * intervals / max(len(problem.phases), 2)))
 
 
 class _CoarseSolver:
     """Solver of one coarse program; the CasADi solver is cached."""
 
-    def __init__(self, context: SolveContext, intervals: int = COMPARISON.coarse[0]) -> None:
+    def __init__(self, context: SolveContext, intervals: int = COARSE_MESHES[0]) -> None:
         transcription = context.transcription
         if not isinstance(transcription.scheme, Collocation):
             # A scheme of low order may have false optima on long intervals: use collocation.
@@ -382,12 +367,13 @@ class _CoarseSolver:
             transcription = Transcription(transcription.problem, duration_scale=duration_scale)
         self.program = transcription.program(intervals)
         self.solvers: Solvers = {}
+        # The cached solver keeps its time limit; the deadline ends the loop over the starts.
         settings = replace(
             context.settings,
             solver="ipopt",
             gap=np.inf,
-            max_iterations=min(context.settings.max_iterations, COMPARISON.iterations),
-            time_limit=max(deadline.left(), COMPARISON.least_time),
+            max_iterations=min(context.settings.max_iterations, MOST_ITERATIONS),
+            time_limit=max(deadline.left(), LEAST_TIME),
         )
         self.context = replace(context, transcription=transcription, settings=settings)
 

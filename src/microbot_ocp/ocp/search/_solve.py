@@ -24,10 +24,11 @@ from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis import POOR, NotFinite, kinks, unheld
 from microbot_ocp.ocp.problem import OptimalControlProblem, tied_controls, with_shapes
 from microbot_ocp.ocp.refinement import (
+    BARRIER_NEAR_BOUNDS,
     CONVERGED,
-    COST,
-    IMPROVEMENT,
     PASSING,
+    SETTLED_CHANGE,
+    UNREACHED_SAVING,
     Accuracy,
     History,
     improvable,
@@ -68,36 +69,13 @@ NOT_COMPARED = f"It was {UNCOMPARED}: there may be a cheaper optimum."
 BUSY = "It ended at the wall time of {:.0f} s, of which it had the processor for {:.0f} s."
 NOT_ALL = "Not every strategy was tried for want of time."
 
-
-@dataclass(frozen=True)
-class Search:
-    """Settings of the search.
-
-    Attributes
-    ----------
-    intervals : intervals of the default mesh for one or two phases
-    fewest : least intervals per phase for many phases
-    coarser : fraction of the default intervals on a mesh where a solve may converge sooner
-    simulations : number of simulations that serve as starts
-    iterations : iteration limit of a try: a longer solve converges sooner by another strategy
-    compared : number of other starts that a solution is compared with, on a default mesh
-    compared_there : number of other starts on a given mesh
-    least_tolerance : least solver tolerance that an accuracy requires
-    wall : wall time limit relative to the processor time limit, for a busy machine
-    """
-
-    intervals: int = 50
-    fewest: int = 10
-    coarser: float = 0.4
-    simulations: int = 2
-    iterations: int = 400
-    compared: int = 12
-    compared_there: int = 4
-    least_tolerance: float = 1e-10
-    wall: float = 10.0
-
-
-SEARCH = Search()
+INTERVALS = 50  # intervals per phase of the default mesh, for one or two phases
+FEWEST_INTERVALS = 10  # intervals per phase of the default mesh, for many phases
+STARTS_COMPARED = 12  # other starts that a solution on a default mesh is compared with
+STARTS_ON_GIVEN_MESH = 4  # other starts that a solution on a given mesh is compared with
+MOST_ITERATIONS = 400  # iteration limit of a try: another strategy converges sooner than a long one
+WALL_FACTOR = 10.0  # wall time limit relative to the processor time limit, for a busy machine
+LEAST_TOLERANCE = 1e-10  # least tolerance of the solver that an accuracy requires
 
 
 def solve(
@@ -181,7 +159,7 @@ def solve(
     goal, settings = _with_accuracy(accuracy, settings or SolverSettings())
     seconds, began = checks.time_limit(time_limit), (time.perf_counter(), deadline.worked())
     how = mesh, guess, settings, scheme, cast("Progress | None", progress), goal
-    with deadline.within(min(SEARCH.wall * seconds, settings.time_limit), seconds):
+    with deadline.within(min(WALL_FACTOR * seconds, settings.time_limit), seconds):
         best = _searched(SolveTask(problem, *how))
         if best.status not in ENDED and deadline.over() and deadline.work_left() > 0:
             wall, work = time.perf_counter() - began[0], deadline.worked() - began[1]
@@ -245,7 +223,7 @@ def _with_accuracy(
         return None, settings
     if not isinstance(accuracy, Accuracy):
         accuracy = Accuracy(checks.number("accuracy", accuracy, above=0.0))
-    tolerance = max(accuracy.states / 10, SEARCH.least_tolerance)
+    tolerance = max(accuracy.states / 10, LEAST_TOLERANCE)
     return accuracy, replace(settings, tolerance=min(settings.tolerance, tolerance))
 
 
@@ -269,7 +247,7 @@ def _ended(task: SolveTask, best: Solution) -> Solution:
 def default_mesh(problem: OptimalControlProblem | Transcription) -> int:
     """Return the default number of intervals per phase: fewer for many phases."""
     phases = (problem.problem if isinstance(problem, Transcription) else problem).phases
-    return max(SEARCH.fewest, round(2 * SEARCH.intervals / max(len(phases), 2)))
+    return max(FEWEST_INTERVALS, round(2 * INTERVALS / max(len(phases), 2)))
 
 
 # task ---------------------------------------------------------------------------------------------
@@ -314,12 +292,12 @@ class SolveTask:
     def compared(self) -> int:
         """Number of other starts that a solution is compared with."""
         fixed = self.given is not None and self.accuracy is None
-        return SEARCH.compared_there if fixed else SEARCH.compared
+        return STARTS_ON_GIVEN_MESH if fixed else STARTS_COMPARED
 
     @property
     def short(self) -> SolverSettings:
         """Settings of a try, with the iteration limit of tries."""
-        most = min(SEARCH.iterations, self.settings.max_iterations)
+        most = min(MOST_ITERATIONS, self.settings.max_iterations)
         return replace(self.settings, max_iterations=most)
 
     @property
@@ -418,7 +396,7 @@ def _in_own_scales(task: SolveTask, solution: Solution, start: Start) -> tuple[S
     tried, better = named(OWN_SCALES, answer.attempts), False
     if answer.status in CONVERGED:
         more = _passes(answer, again) - _passes(solution, start)
-        allowed = COST.unmet if more > 0 else PASSING.cost
+        allowed = UNREACHED_SAVING if more > 0 else PASSING.cost
         dearer = answer.cost - solution.cost
         better = more >= 0 and dearer <= allowed * cost_size(solution.cost, solution.cost_scale)
     spent = time.perf_counter() - began
@@ -437,7 +415,7 @@ def _may_chatter(problem: OptimalControlProblem | Transcription, solution: Solut
 
     False if better controls are known, which are searched only for polynomial controls.
     """
-    if isinstance(problem, Transcription) or improvable(solution) > COST.most_left:
+    if isinstance(problem, Transcription) or improvable(solution) > SETTLED_CHANGE:
         return False
     chosen = {(p.name, c.name) for p in problem.phases for c in p.controls if c.shape != "auto"}
     chosen |= {(p.name, name) for p in problem.phases for name in tied_controls(p)}
@@ -492,12 +470,16 @@ class Strategy:
     why: str
 
 
+COARSER_SHARE = 0.4  # intervals of a coarser mesh, relative to the default mesh
+MOST_SIMULATIONS = 2  # simulations that serve as starts
+
+
 def _displaced(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
     settings = task.few
     phases = getattr(task.problem, "phases", ())
     if not task.alone and settings.initial_barrier is None and not any(p.controls for p in phases):
         # A fit starts near its data; the default barrier would outweigh the small cost there.
-        settings = replace(settings, initial_barrier=IMPROVEMENT.barrier)
+        settings = replace(settings, initial_barrier=BARRIER_NEAR_BOUNDS)
     # The displaced guess is far from the given one if scales are wrong: see the next strategy.
     yield task.start(settings=settings, uneven=not task.alone)
 
@@ -507,7 +489,7 @@ def _undisplaced(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
 
 
 def _from_a_coarser_mesh(task: SolveTask, tried: list[Attempt]) -> Iterator[Start]:
-    coarser = round(SEARCH.coarser * default_mesh(task.problem))
+    coarser = round(COARSER_SHARE * default_mesh(task.problem))
     if isinstance(task.mesh, int) and task.mesh <= coarser:
         return
     start = task.start()
@@ -522,7 +504,7 @@ def _simulated(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
     assert isinstance(task.problem, OptimalControlProblem)
     if task.guess is None:
         simulations = Rollouts(task.problem, default_guess(task.problem)).of_any_duration()
-        for guess in simulations[: SEARCH.simulations]:
+        for guess in simulations[:MOST_SIMULATIONS]:
             yield replace(task, guess=guess).start()
 
 
@@ -538,7 +520,7 @@ def _along_lines(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
 
 def _from_many_starts(task: SolveTask, tried: list[Attempt]) -> Iterator[Start]:
     start = task.start()
-    cheapest, attempts = cheapest_of_starts(start.context, SEARCH.compared)
+    cheapest, attempts = cheapest_of_starts(start.context, STARTS_COMPARED)
     tried += attempts
     if cheapest is not None:
         yield start._replace(guess=cheapest)

@@ -16,7 +16,7 @@ from ._progress import (
     quiet as quiet,
 )
 from ._solution import (
-    RIVALS as RIVALS,
+    AGREEING_STARTS as AGREEING_STARTS,
     UNCOMPARED as UNCOMPARED,
     Attempt as Attempt,
     Given as Given,

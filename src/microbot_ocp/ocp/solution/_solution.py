@@ -34,21 +34,9 @@ if TYPE_CHECKING:
     from microbot_ocp.ocp.refinement import RefinementStep
 
 
-@dataclass(frozen=True)
-class Rivals:
-    """Evidence that the best of several local optima is the global one.
+AGREEING_STARTS = 2  # starts that have to lead to the best of several optima
+RARE_SHARE = 0.05  # fraction of the starts below which others may have been missed
 
-    Attributes
-    ----------
-    agreed : number of starts that have to lead to the best optimum
-    rare : fraction of the starts below which an optimum is rare: others may have been missed
-    """
-
-    agreed: int = 2
-    rare: float = 0.05
-
-
-RIVALS = Rivals()
 INSIDE = ("polynomial", "algebraic")  # variable shapes with values at the points of a scheme
 UNCOMPARED = "compared with nothing"
 
@@ -279,7 +267,7 @@ class Solution(Hinting, Portable):
     @property
     def unsettled(self) -> bool:
         """True for one of several local optima whose least one was found from few starts."""
-        return bool(self.rivals) and self.agreed < max(RIVALS.agreed, RIVALS.rare * self.compared)
+        return bool(self.rivals) and self.agreed < max(AGREEING_STARTS, RARE_SHARE * self.compared)
 
     def with_rivals_of(self, other: Solution) -> Solution:
         """Return a copy with the rivals and remarks of another solution."""
