@@ -24,6 +24,7 @@ from microbot_ocp._base.quasi_random import evenly_spread_step
 from microbot_ocp._base.threads import cached_in_thread
 from microbot_ocp.robot import Robot, forward_kinematics, jacobian, solve_symmetric
 
+TINY = 1e-300  # summand that keeps a divisor above zero
 RANK_TOLERANCE = 1e-5  # singular value that counts as zero, per largest
 
 IPOPT_OPTIONS = {
@@ -142,7 +143,7 @@ def descent(robot: Robot, width: int) -> FastCall:
         held = ca.if_else(sought, beyond(step_of_others(ca.SX.zeros(count))[0]), held)
     move, apart = step_of_others(held)
     # A step of at most half a turn keeps the linear model from spinning joints.
-    move *= scale * ca.fmin(1, np.pi / (ca.norm_inf(move) + 1e-300))
+    move *= scale * ca.fmin(1, np.pi / (ca.norm_inf(move) + TINY))
     small += size < POLISHING_ERROR
     exact = ca.logic_or(ca.logic_and(size <= enough, small >= polish), size <= 2e-16)
     solved = ca.logic_or(
@@ -186,7 +187,7 @@ def _step(
         return solve_symmetric(matrix, ca.densify(slope.T @ error)), ca.SX(0)
     # Far from the target the pull would fight the task, so it grows only as the error falls.
     share = sought / (1 + ca.dot(error, error) / PULL_ERROR**2)
-    beside = missing * share * ca.fmin(1, 1 / (ca.norm_2(missing) + 1e-300))
+    beside = missing * share * ca.fmin(1, 1 / (ca.norm_2(missing) + TINY))
     matrix = slope @ slope.T + damping * ca.SX.eye(rows)
     move = slope.T @ solve_symmetric(matrix, error - slope @ beside) + beside
     return move, ca.if_else(sought, ca.norm_inf(move), 0)

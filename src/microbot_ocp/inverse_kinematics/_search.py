@@ -22,6 +22,7 @@ from microbot_ocp.inverse_kinematics._result import read_only
 from microbot_ocp.robot import Robot
 
 POSE_TOLERANCE = 1e-8  # largest error of a solution, m and rad
+LEAST_SINGULAR_VALUE = 1e-12  # floor of the largest singular value in ratios
 CONTINUUM_SAMPLES = 12  # solutions that represent a continuum
 SAME_JOINTS = 1e-5  # joint difference that counts as zero, rad (prismatic: share of the reach)
 
@@ -218,7 +219,9 @@ def ranks(robot: Robot, q: FloatArray, width: int) -> np.ndarray:
 
 def _rank(values: np.ndarray) -> np.ndarray:
     """Return the ranks [K] of matrices with these singular values [K,m]."""
-    return (values > kernels.RANK_TOLERANCE * np.maximum(values[:, :1], 1e-12)).sum(axis=1)
+    return (values > kernels.RANK_TOLERANCE * np.maximum(values[:, :1], LEAST_SINGULAR_VALUE)).sum(
+        axis=1
+    )
 
 
 PROBE_STEP = 0.05  # step along a suspected self-motion, rad (prismatic: share of the reach)
@@ -425,7 +428,7 @@ def _complete(
     """
     if not len(met):
         return turn > 0
-    conditions = values[:, -1] / np.maximum(values[:, 0], 1e-12)
+    conditions = values[:, -1] / np.maximum(values[:, 0], LEAST_SINGULAR_VALUE)
     if values.shape[1] < jacobians.shape[2] or conditions.min() < kernels.RANK_TOLERANCE:
         # A continuum gives new solutions in every round, so only isolated ones must recur.
         isolated = conditions >= kernels.RANK_TOLERANCE

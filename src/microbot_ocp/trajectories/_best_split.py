@@ -27,6 +27,7 @@ from microbot_ocp.trajectories._shortest_duration import (
 MakeSplit = Callable[..., PiecewisePolynomial]
 DIFFERENCE = float(np.sqrt(np.finfo(float).eps))  # step of the logarithms for finite differences
 POINTS = 48  # points of a piece for the largest uses; the result is stretched exactly
+SPLIT_TOLERANCE = 1e-4  # relative gain in duration below which a search ends
 STRIDE = 3  # every third point is a row of the program, too
 
 
@@ -37,7 +38,7 @@ def best_split(
     limits: Limits | JointLimits | None = None,
     *,
     first_shape: ArrayLike | None = None,
-    tolerance: float = 1e-4,
+    tolerance: float = SPLIT_TOLERANCE,
     time_limit: float = np.inf,
 ) -> Scaled:
     """Return the shortest duration of a shape over the durations of its parts and further numbers.
@@ -194,7 +195,7 @@ class _SplitSearch:
         robot: Robot,
         make: MakeSplit,
         limits: Limits | JointLimits | None,
-        tolerance: float = 1e-4,
+        tolerance: float = SPLIT_TOLERANCE,
     ) -> None:
         self.family = LimitFamily.of(robot, limits)
         self.family.refuse_means()

@@ -16,7 +16,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.limits import LimitFamily
-from microbot_ocp.planning.path._curve import PathCurve
+from microbot_ocp.planning.path._curve import TINY, PathCurve
 from microbot_ocp.planning.path._limits import FAR
 from microbot_ocp.planning.path._reachability import CurveLimits
 
@@ -70,7 +70,7 @@ def blocking_limit(family: LimitFamily, curve: PathCurve, fast: bool) -> Blocked
     count = along.s.size - 1
     step = np.diff(along.s)
     # A typical x scales the program to order one.
-    room = np.where(np.isfinite(size), size, np.inf) / np.maximum(np.abs(rows.per_x), 1e-300)
+    room = np.where(np.isfinite(size), size, np.inf) / np.maximum(np.abs(rows.per_x), TINY)
     most = along.speed_limit
     unit_x = float(np.median(np.minimum(room.min(axis=1)[: count + 1], most)))
     unit_u = unit_x / float(along.s[-1] - along.s[0])

@@ -32,6 +32,7 @@ from microbot_ocp.planning.task import check_pace, check_positions, check_rest, 
 IntArray = NDArray[np.intp]
 
 
+TINY = 1e-300  # divisor in place of zero
 VANISHING_DERIVATIVE = 1e-9  # derivative that counts as zero, per largest along the path
 CORNER_JUMP = 1e-6  # jump of the tangent that counts as a corner, per largest tangent
 
@@ -281,7 +282,7 @@ def vanishing_orders(path: PiecewisePolynomial, s: FloatArray, *, from_left: boo
     for _ in range(path.coefficients.shape[1] - 2):
         curve = curve.derivative()
         sizes = np.abs(curve(places, from_left=from_left)).max(axis=1)
-        vanish &= sizes[-s.size :] <= VANISHING_DERIVATIVE * max(sizes.max(), 1e-300)
+        vanish &= sizes[-s.size :] <= VANISHING_DERIVATIVE * max(sizes.max(), TINY)
         orders += vanish
         if not vanish.any():
             break
@@ -394,7 +395,7 @@ def regular(path: PiecewisePolynomial, turns: FloatArray) -> PiecewisePolynomial
     is_corner = np.isin(path.breaks[1:-1], turns)
     ratios = np.ones(is_corner.size)
     passed = is_passed & ~is_corner
-    ratios[passed] = (_size(after) / np.maximum(_size(before), 1e-300))[passed]
+    ratios[passed] = (_size(after) / np.maximum(_size(before), TINY))[passed]
     scales, run = np.ones(sizes.size), np.append(0, np.cumsum(is_corner))
     # Ratios of tangents at passed breaks make the tangent continuous; each run between corners is
     # divided by its largest entry.
@@ -460,7 +461,7 @@ def _tangents(
     sizes = np.abs(tangents).max(axis=(0, 2))
     sides = np.stack([tangents[-1, :-1], tangents[0, 1:]])
     around = np.stack([sizes[:-1], sizes[1:]])
-    ratios = np.abs(sides).max(axis=2) / np.maximum(around, 1e-300)
+    ratios = np.abs(sides).max(axis=2) / np.maximum(around, TINY)
     sides[ratios <= VANISHING_DERIVATIVE] = 0.0
     return sides[0], sides[1], sizes, (ratios > CORNER_JUMP).all(axis=0)
 
@@ -471,7 +472,7 @@ def _size(vectors: FloatArray) -> FloatArray:
 
 
 def _directions(vectors: FloatArray) -> FloatArray:
-    return vectors / np.maximum(_size(vectors), 1e-300)[:, None]
+    return vectors / np.maximum(_size(vectors), TINY)[:, None]
 
 
 def _jump(before: FloatArray, after: FloatArray, size: ArrayLike) -> NDArray[np.bool_]:

@@ -243,6 +243,9 @@ def reach(
     return timing
 
 
+EVEN_SHARE = 0.1  # share of a piece that is divided evenly
+
+
 def path_grid(path: PathCurve, count: int) -> FloatArray:
     """Return a grid [N+1] of about ``count`` intervals that includes the breaks of the path.
 
@@ -252,7 +255,8 @@ def path_grid(path: PathCurve, count: int) -> FloatArray:
     shares = np.maximum(2, np.round(count * lengths / lengths.sum()).astype(int))
     i, k = numbered(shares)
     n = shares[i]
-    grid = path.breaks[i] + lengths[i] * (0.1 * k / n + 0.45 * (1.0 - np.cos(np.pi * k / n)))
+    dense = 0.5 * (1.0 - np.cos(np.pi * k / n))
+    grid = path.breaks[i] + lengths[i] * (EVEN_SHARE * k / n + (1.0 - EVEN_SHARE) * dense)
     return np.append(grid, path.breaks[-1])
 
 

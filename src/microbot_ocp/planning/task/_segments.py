@@ -280,9 +280,10 @@ class Turning:
                 "the orientations at its two ends are half a turn apart: the way from one to the "
                 "other is not unique, give a stop in between"
             )
-        axis = sine / size if size > 1e-12 else np.array([0.0, 0.0, 1.0])
+        turns = size > 1e-12
+        axis = sine / size if turns else np.array([0.0, 0.0, 1.0])
         rows = tuple(tuple(row) for row in start.tolist())
-        return cls(rows, tuple(axis.tolist()), angle if size > 1e-12 else 0.0, free)
+        return cls(rows, tuple(axis.tolist()), angle if turns else 0.0, free)
 
     def rotation(self, share: Any) -> Any:
         """Return the rotation [3,3] at a share of the length, a number or an expression.

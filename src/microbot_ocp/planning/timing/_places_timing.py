@@ -315,6 +315,7 @@ def excess_of(family: LimitFamily, profile: SpeedProfile) -> FloatArray:
     return family.excess(samples).reshape(-1, shares.size)
 
 
+SHORTEST_STEP = 1e-12  # smallest duration of an interval in the unit of time
 LINEAR_SOLVERS = ("ldl", "mumps")  # linear solvers of IPOPT, tried in turn
 
 
@@ -393,14 +394,14 @@ class _Timing:
         v, a, j = (self.unit / self.time**k for k in (1, 2, 3))
         count = n + 1 + self.breaks.size
         points = np.concatenate([start.a, start.a_end[-1:], start.a_end[self.breaks - 1]])
-        h = np.maximum(np.diff(start.t), 1e-12 * self.time) / self.time
+        h = np.maximum(np.diff(start.t), SHORTEST_STEP * self.time) / self.time
         x = np.concatenate([start.v / v, points / a, h, start.d / j])
         free, none = np.full(count, np.inf), np.full(n, np.inf)
         # An infeasible start with a free d would overshoot limits between the few places at which
         # they are rows.
         bend = none if bent or self.family.jerk_matters else 0.0 * h
         # A positive lower bound of the durations keeps 1 / h finite.
-        low = np.concatenate([np.zeros(n + 1), -free, np.full(n, 1e-12), -bend])
+        low = np.concatenate([np.zeros(n + 1), -free, np.full(n, SHORTEST_STEP), -bend])
         high = np.concatenate([self.speed, free, none, bend])
         for at, is_free in zip((0, n), self.free, strict=True):
             if not is_free:  # at a free end the vanishing tangent keeps the arm at rest
