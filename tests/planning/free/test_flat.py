@@ -25,7 +25,7 @@ from microbot_ocp.planning.free._flat_program import FlatProgram
 from planning.shared import VIA_Q, arm
 
 needs_a_compiler = pytest.mark.skipif(codegen.compiler() is None, reason="there is no C compiler")
-TIGHT = SolverSettings("ipopt", tolerance=1e-8, gap=np.inf)
+TIGHT = SolverSettings("ipopt", tolerance=1e-8, gap=1e-7)
 
 
 def flat_of(robot, via, payload=False) -> FlatTranscription:
@@ -182,6 +182,16 @@ def test_a_finer_mesh_begins_with_the_multipliers_of_the_coarser_one(microbot):
     warm, cold = solve_on(form, mesh, coarse, rough), solve_on(form, mesh, guess, rough)
     assert warm.duration == pytest.approx(cold.duration, rel=1e-5)
     assert warm.attempts[0].iterations < cold.attempts[0].iterations
+
+
+def test_a_solve_ends_at_the_wanted_gap_or_where_the_next_one_begins(microbot):
+    form, guess = flat_of(microbot, VIA_Q), guess_of(microbot, VIA_Q)
+    exact = solve_on(form, 20, guess, TIGHT)
+    rough = solve_on(form, 20, guess, SolverSettings("ipopt", tolerance=1e-6, gap=np.inf))
+    assert len(exact.attempts) == 1
+    assert exact.gap.total <= TIGHT.gap * exact.cost
+    assert TIGHT.gap < rough.cost / exact.cost - 1.0 < 2e-4
+    assert rough.attempts[0].iterations < exact.attempts[0].iterations
 
 
 def test_the_payload_is_a_number_of_the_program(microbot):

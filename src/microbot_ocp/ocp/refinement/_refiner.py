@@ -44,6 +44,7 @@ class RefinerSettings:
     polished : fraction of the wanted gap below which no polishing is needed
     polishing : iteration limit of the polishing solve
     finishing : number of refinements after polishing
+    foresight : least foresight after polishing: few excesses remain, and each new interval costs
     """
 
     warm_barrier: float = 1e-4
@@ -52,6 +53,7 @@ class RefinerSettings:
     polished: float = 0.1
     polishing: int = 60
     finishing: int = 2
+    foresight: float = 0.5
 
 
 SETTINGS = RefinerSettings()
@@ -179,7 +181,8 @@ class Refiner:
         if not accepted:
             return solution
         self.rough = None
-        finer = replace(self, rounds=rounds).refine(finer)
+        foresight = max(self.foresight, SETTINGS.foresight)
+        finer = replace(self, rounds=rounds, foresight=foresight).refine(finer)
         within = self._worst(finer) <= max(self.limit_tolerance, self._worst(solution))
         return finer if within else solution
 

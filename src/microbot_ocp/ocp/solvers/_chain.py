@@ -92,8 +92,8 @@ def solve_on(
         return not_started(program, settings, begin, problem)
     spent = time.perf_counter() - start
     if own:
-        barrier = warm_barrier(settings, program, begin)
-        settings = transcription.solver_settings(program, settings, barrier)  # pyright: ignore
+        barriers = warm_barrier(settings, program, begin), last_barrier(program, settings, begin.x)
+        settings = transcription.solver_settings(program, settings, *barriers)  # pyright: ignore
     how: dict[str, Any] = {"progress": progress, "build_time": spent, "once": once}
     solution = run_chain(program, settings, begin, **how)
     return solution.remarked(f"Left out: {'; '.join(redundant)}." if redundant else "")
@@ -283,6 +283,18 @@ def warm_barrier(settings: SolverSettings, program: Program, start: StartingPoin
     return float(10.0 ** np.floor(np.log10(barrier)))
 
 
+def last_barrier(program: Program, settings: SolverSettings, x: FloatArray) -> float:
+    """Return the barrier parameter at which a solve ends.
+
+    It is that of the wanted gap. A solve that accepts any gap ends where a warm start from its
+    multipliers begins: a solve on the next mesh from a smaller one takes steps of a few percent.
+    """
+    size = cost_size(program.cost(x), program.cost_scale)
+    if np.isfinite(settings.gap):
+        return _complementarity(program, settings.gap * size)
+    return _complementarity(program, TIGHTENING.rough_gap * size, SETTINGS.warm_barrier)
+
+
 def _rank(status: Status) -> int:
     """Return the rank of a status: the lower, the more it says about the problem."""
     order = (Status.SOLVED, Status.INTERRUPTED, Status.INFEASIBLE, Status.ITERATION_LIMIT)
@@ -302,12 +314,14 @@ class Tightening:
     barrier : barrier parameter of a warm start
     usual : complementarity tolerance of IPOPT by default
     least_barrier : least barrier parameter that solvers reach
+    rough_gap : gap left by a solve that accepts any gap, relative to the cost
     """
 
     ratio: float = 0.5
     barrier: float = 1e-6
     usual: float = 1e-4
     least_barrier: float = 1e-15
+    rough_gap: float = 2e-4
 
 
 TIGHTENING = Tightening()

@@ -47,6 +47,9 @@ from microbot_ocp.planning.task import Conditions, TaskScale, has_windows, passi
 from microbot_ocp.robot import Robot
 
 DUAL = 1e-6  # tolerance of stationarity, scaled
+# A barrier problem of IPOPT is solved to this multiple of its barrier parameter, which it reduces
+# down to the tolerance of complementarity divided by one more (Waechter and Biegler 2006, eq. 7).
+BARRIER_FACTOR = 10.0
 LEAST_RATIO = 0.1  # shortest phase per longest: a guess for a shorter one from rest may diverge
 LEAST_INTERVALS = 4  # smallest number of intervals of a phase, for one inner coefficient
 
@@ -303,22 +306,22 @@ class FlatTranscription:
 
     @staticmethod
     def solver_settings(
-        program: Program, settings: SolverSettings, barrier: float | None
+        program: Program, settings: SolverSettings, first: float | None, last: float
     ) -> SolverSettings:
-        """Return solver settings of the flat program.
+        """Return solver settings of the flat program, with its first and last barrier parameter.
 
-        Complementarity is asked for more closely than the tolerance, because it costs duration.
-        Stationarity cannot be: an acceleration is a coefficient divided by the square of an
-        interval, and on short intervals rounding dominates it.
+        Complementarity costs duration, and the last barrier parameter bounds it. Stationarity
+        cannot be as exact: an acceleration is a coefficient divided by the square of an interval,
+        and on short intervals rounding dominates it.
         """
         # The band solver eliminates slacks of inequalities: equal bounds of a row are an equation.
         given: dict[str, Any] = {
             "linear_solver": "ldl" if (program.row_lower == program.row_upper).any() else "band",
             "nlp_scaling_method": "none",  # rows and unknowns are scaled already
-            "compl_inf_tol": 0.1 * settings.tolerance,
+            "compl_inf_tol": (BARRIER_FACTOR + 1.0) * last,
         }
-        if barrier is not None:
-            given["mu_init"] = barrier
+        if first is not None:
+            given["mu_init"] = first
         more = dict(settings.options.get("ipopt", {}))
         more.pop("linear_solver", None)
         given |= more

@@ -111,8 +111,10 @@ def flat_rows(
     """Return the rows of phases with these limits.
 
     At via points bounds of the motion are bounds of unknowns. Accelerations are linear in every
-    interval, so they are bounded at mesh points alone. Torques at a via point belong to the phase
-    before it, and also to the next one if the acceleration jumps or the limits differ.
+    interval, so they are bounded at mesh points alone. So are positions: they turn at most twice in
+    an interval, and an excess between mesh points is of second order in its length. Torques at a
+    via point belong to the phase before it, and also to the next one if the acceleration jumps or
+    the limits differ.
     """
     count, points = layout.count, layout.points
     most = max(limit.count for limit in limits)
@@ -128,7 +130,7 @@ def flat_rows(
         again = k == 0 or before != after or limit is not limits[k - 1]
         at_points[first + (not again) : last + 1, : limit.count] = True
         for order, key in enumerate(POINT_KEYS):
-            step = 2 if key == "qdd" else 1
+            step = 1 if key == "qd" else 2
             inner = slice(first + step, last, step)
             low, high = family.robot.limits.bounds(key)
             of_motion[inner, order] = (low < high) & (np.isfinite(low) | np.isfinite(high))

@@ -50,10 +50,17 @@ from microbot_ocp.planning.search._problem import MotionProblem
 from microbot_ocp.planning.search._result import fastest
 from microbot_ocp.planning.search._search import from_plain, is_enough, plain_of
 from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings
-from microbot_ocp.planning.search._strategies import graded, search_of, switch_marks
+from microbot_ocp.planning.search._strategies import (
+    graded,
+    is_costly,
+    search_of,
+    switch_marks,
+    wanted_gap,
+)
 from microbot_ocp.planning.task import (
     COARSE_SMOOTHING,
     LDL,
+    ROUGH_TOLERANCE,
     SMOOTHING as FRICTION_SMOOTHING,
     TIME_LIMIT,
     EndConditions,
@@ -78,7 +85,6 @@ from microbot_ocp.robot import Robot
 NEAR = 0.1
 REFERENCE_TOLERANCE = 2e-3  # relative excess of limits of the prepared motion between mesh points
 
-FLAT_RATIO = 0.1  # factor on the tolerance: iterations of the flat program are cheap
 # A user waits for each solve. The time limit matters: without one even a small solve would start a
 # child process.
 PREPARED = SolverSettings(
@@ -387,9 +393,11 @@ class TimeOptimalSolver:
             problem.guesses,
             problem.excess,
             allowed,
-            tolerance=self._solver_settings.tolerance * FLAT_RATIO,
+            tolerance=self._solver_settings.tolerance,
             rounds=self._rounds,
-            settings=self._solver_settings,
+            settings=replace(self._solver_settings, gap=wanted_gap(problem)),
+            rough=ROUGH_TOLERANCE,
+            polishing=SEARCH.usual_iterations,
             foresight=SEARCH.foresight,
             enough=partial(is_enough, problem),
         )
@@ -404,15 +412,15 @@ class TimeOptimalSolver:
         if name != "prepared" and best.status.solved:
             mesh, jumps = self._settings.mesh or SEARCH.full_mesh, not problem.family.jerk_matters
             meshes = [graded(phase, mesh) if jumps else mesh for phase in best.phases]
-            best = refiner.finer(best, meshes)
-            if best.cost - best.duration > SEARCH.smoothing_cost_limit * best.duration:
+            if jumps and is_costly(best, mesh):
                 weight = SEARCH.reduced_smoothing * smoothing
                 less = {name: {JERK_WEIGHT: weight} for name in self._phases}
                 refiner = replace(refiner, transcription=kernels.with_parameters(less))
-                best = refiner.finer(best, [phase.mesh for phase in best.phases])
+            best = refiner.finer(best, meshes)
         # Under limits of rates the last refinement of a mesh gains almost nothing.
         refiner = replace(refiner, once=problem.family.jerk_matters)
-        return tried, name, refiner.refine(best, marks, worth=SEARCH.least_gain)
+        best = refiner.refine(best, marks, worth=SEARCH.least_gain)
+        return tried, name, refiner.finished(best)
 
     def _numbered(
         self, problem: MotionProblem, payload: float, smoothing: float, moving: _Start | None

@@ -73,7 +73,7 @@ class SearchSettings:
     least_mesh: int = 25
     graded_share: float = 0.5
     far_barrier: float = 3e-5
-    foresight: float = 0.5
+    foresight: float = 0.1
     many_phases: int = 5
     reserved_share: float = 0.2
     longest_reserve: float = 1.0

@@ -64,8 +64,7 @@ def search_of(problem: MotionProblem, progress: StepProgress) -> MotionSearch:
     kernel_time = time.perf_counter() - begin
     windows, rated = has_windows(problem.family), problem.is_rated
     is_guided = problem.timed_path is not None  # a motion within limits is known
-    # Jerks and torque rates are third derivatives of the spline: rounding hides their last digits.
-    is_rough = not is_guided and (windows or rated or len(problem.names) > SEARCH.most_polished)
+    is_rough = not is_guided and (windows or len(problem.names) > SEARCH.most_polished)
     refiner = Refiner(
         kernels,
         problem.guesses,
@@ -73,8 +72,8 @@ def search_of(problem: MotionProblem, progress: StepProgress) -> MotionSearch:
         settings.limit_tolerance,
         solver="ipopt" if settings.solver == "auto" else settings.solver,
         progress=with_motion(progress, problem.family.robot, problem.via),
-        settings=SolverSettings(gap=GAP, options=LDL),
-        rough=RATED * ROUGH_TOLERANCE if rated else ROUGH_TOLERANCE,
+        settings=SolverSettings(gap=wanted_gap(problem), options=LDL),
+        rough=ROUGH_TOLERANCE,
         foresight=SEARCH.foresight if rated else 1.0,
         polishing=0 if is_rough else SEARCH.usual_iterations,
         fitted=partial(with_windows, dry_friction(problem.family.robot) > 0.0) if windows else None,
@@ -94,10 +93,16 @@ def search_of(problem: MotionProblem, progress: StepProgress) -> MotionSearch:
     return MotionSearch(problem, refiner, progress, kernel_time)
 
 
+def wanted_gap(problem: MotionProblem) -> float:
+    """Return the relative gap to the optimum on a mesh that a solve may leave."""
+    # Jerks and torque rates are third derivatives of the spline: rounding hides their last digits.
+    return RATED_GAP if problem.is_rated else GAP
+
+
 # finer meshes ---------------------------------------------------------------------------------
 
 TINY = 1e-12
-RATED = 0.1  # factor on the rough tolerance under limits of jerks and torque rates
+RATED_GAP = 1e-4  # relative gap wanted under limits of jerks and torque rates
 SHORTEST = 0.05  # share of a phase's longest interval: shorter ones are not split at switches
 COARSE = ("start", "known way", "relaxed problem", "timed path")
 ON_FULL_MESH = ("full mesh", "less and less smoothing")
@@ -185,6 +190,9 @@ def to_full_mesh(search: MotionSearch, step: NextStep) -> MotionAnswer:
     refiner, before = _going_on(subject), subject.solution
     jumps, mesh = accelerations_jump(search.problem.family), full_mesh(search)
     meshes = [graded(phase, mesh) if jumps else mesh for phase in before.phases]
+    if jumps and is_costly(before, mesh):
+        refiner, weight = _less_smoothed(search, refiner)
+        subject = replace(subject, refiner=replace(refiner, history=[]), smoothing=weight)
     is_guided = search.problem.timed_path is not None
     if is_guided:  # a small barrier parameter shortens steps near many distance constraints
         refiner = replace(refiner, settings=_from_barrier(refiner, SEARCH.timed_path_barrier))
@@ -293,9 +301,8 @@ def next_less_smoothing(search: MotionSearch, state: SearchState) -> NextStep | 
         return None
     for answer in state.of("full mesh"):
         assert answer.before is not None
-        duration = answer.solution.duration
         is_usual = answer.smoothing > SEARCH.reduced_smoothing * SMOOTHING
-        costly = answer.solution.cost - duration > SEARCH.smoothing_cost_limit * duration
+        costly = is_costly(answer.solution)
         is_full = answer.solved and answer.solution is not answer.before.solution
         untried = state.made_of(answer, "less smoothing") is None
         if is_full and is_usual and costly and untried:
@@ -303,15 +310,33 @@ def next_less_smoothing(search: MotionSearch, state: SearchState) -> NextStep | 
     return None
 
 
-def less_smoothing(search: MotionSearch, step: NextStep) -> MotionAnswer:
-    """Solve with less smoothing on the same mesh; later solves keep the weight."""
-    subject = step.answer
-    refiner, weight = _going_on(subject), SEARCH.reduced_smoothing * SMOOTHING
+def is_costly(solution: Solution, intervals: int = 0) -> bool:
+    """Return True if smoothing costs too much of the duration on a mesh of so many intervals.
+
+    A jump of the acceleration takes one interval: its squared jerk, integrated, is inversely
+    proportional to the length. Zero means the solution's own mesh.
+    """
+    growth = max(1.0, *(intervals / (phase.mesh.size - 1) for phase in solution.phases))
+    share = SEARCH.smoothing_cost_limit * solution.duration
+    return growth * (solution.cost - solution.duration) > share
+
+
+def _less_smoothed(search: MotionSearch, refiner: Refiner) -> tuple[Refiner, float]:
+    """Return a refiner with less smoothing, and the weight of the squared jerk."""
+    weight = SEARCH.reduced_smoothing * SMOOTHING
     # The LDL factorisation without pivots loses the small curvature of a weak jerk term in
     # rounding: 40 iterations instead of 21.
     usual = replace(refiner.settings, options={})
     kernels = _smoothed(search, refiner.transcription, weight)
-    finer = replace(refiner, transcription=kernels, settings=usual)
+    return replace(refiner, transcription=kernels, settings=usual), weight
+
+
+def less_smoothing(search: MotionSearch, step: NextStep) -> MotionAnswer:
+    """Solve with less smoothing on the same mesh; later solves keep the weight."""
+    subject = step.answer
+    refiner = _going_on(subject)
+    finer, weight = _less_smoothed(search, refiner)
+    usual = finer.settings
     options = {"ipopt": {"mu_init": SEARCH.reduced_smoothing_barrier}}
     settings = replace(usual, options=options, max_iterations=SEARCH.usual_iterations)
     meshes = [phase.mesh for phase in subject.solution.phases]
@@ -350,11 +375,8 @@ def split_where_exceeded(search: MotionSearch, step: NextStep) -> MotionAnswer:
     }
     if accelerations_jump(search.problem.family):
         usual = _at_most(refiner.settings, SEARCH.smoothing_iterations)
-        refiner = replace(refiner, foresight=SEARCH.foresight, settings=usual)
-        if len(search.problem.names) <= SEARCH.many_phases:
-            # The full tolerance at once: a second refinement of the mesh is rare.
-            least = _at_most(usual, SEARCH.usual_iterations)
-            best = replace(refiner, settings=least, rough=None, once=True).refine(best, **marks)
+        foresight = SEARCH.foresight if refiner.rough else RefinerSettings.foresight
+        refiner = replace(refiner, foresight=foresight, settings=usual)
     if search.problem.is_rated:
         # The last refinement of a mesh gains almost nothing and may take a thousand iterations.
         refiner = replace(
