@@ -2,7 +2,7 @@
 
     python -m benchmarks baseline --out FILE [--only GROUP ...] [--count N] [--jobs 2]
     python -m benchmarks baseline --out FILE --against EARLIER
-    python -m benchmarks baseline --out FILE --without "less smoothing" --against EARLIER
+    python -m benchmarks baseline --out FILE --without "by fatrop" --against EARLIER
     python -m benchmarks baseline --out FILE --without far_barrier=0.1 --against EARLIER
     python -m benchmarks baseline --ledger FILE [--markdown]
 
@@ -41,7 +41,7 @@ from benchmarks.measure import limit_processor_time
 from benchmarks.suite.table import PROBLEMS
 from microbot_ocp import ocp
 from microbot_ocp._base.deadline import processor_time
-from microbot_ocp.planning.search import SEARCH, STRATEGIES
+from microbot_ocp.planning.search import SEARCH
 
 WORSE = 1e-4  # relative growth of a cost or duration that is reported
 SLOWER = 0.1  # relative growth of a group's processor time that is reported
@@ -194,9 +194,6 @@ def ablate(what: str) -> None:
     name, is_setting, value = what.partition("=")
     if is_setting:
         object.__setattr__(SEARCH, name, type(getattr(SEARCH, name))(float(value)))
-    for strategy in STRATEGIES:
-        if strategy.name == name:
-            object.__setattr__(strategy, "next_step", lambda search, state: None)
     for strategy in ocp.search.STRATEGIES:
         if strategy.name == name:
             object.__setattr__(strategy, "propose", lambda task, tried: ())

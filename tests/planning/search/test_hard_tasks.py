@@ -17,8 +17,8 @@ from microbot_ocp.ocp.solution import quiet
 from microbot_ocp.planning import TimeOptimalSettings
 from microbot_ocp.planning.free import known_ways
 from microbot_ocp.planning.search._problem import MotionProblem
+from microbot_ocp.planning.search._refinement import search_of
 from microbot_ocp.planning.search._result import fastest
-from microbot_ocp.planning.search._strategies import search_of
 from planning.shared import arm, pendulum, slider
 
 LOCKED_VIA = np.array([[0.0, 0.3], [1.0, 0.3], [0.5, 0.3]])

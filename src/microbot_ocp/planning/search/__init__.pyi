@@ -21,7 +21,6 @@ from ._stop_motion import (
     stretches as stretches,
     tool_poses as tool_poses,
 )
-from ._strategies import STRATEGIES as STRATEGIES
 from ._through_stops import (
     fastest_through as fastest_through,
     in_order as in_order,

@@ -35,6 +35,7 @@ from microbot_ocp.planning.free import InitialGuess, guesses_along, joined, know
 from microbot_ocp.planning.path import LATER, PathTiming, check_path, time_path
 from microbot_ocp.planning.search._branches import straight_way
 from microbot_ocp.planning.search._guided import GuidedSearch, poses_along
+from microbot_ocp.planning.search._queue import Level, best_first
 from microbot_ocp.planning.search._result import NONE_WITHIN, returned
 from microbot_ocp.planning.search._settings import TimeOptimalSettings, reserving
 from microbot_ocp.planning.search._through_stops import SolveRequest
@@ -257,6 +258,33 @@ def differs(duration: float, others: Iterable[float]) -> bool:
     return all(abs(duration - other) > DIFFERENT * other for other in others)
 
 
+@dataclass(frozen=True, eq=False)
+class _Start:
+    """A timed path as a candidate of the queue, with the motion and proof that a search found."""
+
+    path: TimedPath
+    duration: float
+    level: Level = Level.TIMED
+    motion: Motion | None = None
+    proof: Clearance | None = None
+
+    @property
+    def keeps_limits(self) -> bool:
+        """False for a motion that is not solved or not proved to keep clear."""
+        return self.motion is None or (self.motion.solved and self._is_clear)
+
+    @property
+    def _is_clear(self) -> bool:
+        return self.proof is not None and self.proof.proved
+
+    @property
+    def fallback(self) -> ProvedPath | None:
+        """Motion that keeps clear and the limits, but is not solved."""
+        if self.motion is None or self.proof is None or self.motion.solved or not self._is_clear:
+            return None
+        return ProvedPath(self.path.name, self.motion, self.proof)
+
+
 def fastest_among(
     request: SolveRequest, family: LimitFamily, via: FloatArray, names: Sequence[str] = ()
 ) -> Motion:
@@ -279,36 +307,39 @@ def fastest_among(
     check_apart(around, via, names)
     legs = legs_between(around, via, settings, progress)
     planned = time.perf_counter()
-    task, starts, proved_paths = Task.through(family, via), list[TimedPath](), list[ProvedPath]()
-    search, proof, below = None, None, None
-    # The first proved and converged search ends the loop: later starts are slower paths.
-    for start in starts_of(legs):
-        starts.append(start)
-        progress(f"{start.name}: {start.motion.duration:.4f} s by reachability")
-        (front, _), proofs = _guided(request, task, scene, start).motions()
-        search, proof = (front[0][1], proofs[0]) if front else (None, None)
-        if search is not None and proof is not None and proof.proved:
-            if search.solved:
-                below = search.duration  # upper bound on the duration of further paths
-            else:
-                origin = {"made_from": THE_MOTION, **search.provenance}
-                search = replace(search, provenance=origin)
-                proved_paths.append(ProvedPath(start.name, search, proof))
-                proof = None
-        if deadline.over() or below is not None:
-            break
-    tried = () if below is None else [start.name for start in starts]
+    task, tried = Task.through(family, via), list[TimedPath]()
+
+    def raised(start: _Start, _: float) -> list[_Start]:
+        tried.append(start.path)
+        progress(f"{start.path.name}: {start.duration:.4f} s by reachability")
+        front, proofs = _guided(request, task, scene, start.path).motions()
+        motions = front[0]
+        if not motions:
+            return []
+        motion, proof = motions[0][1], proofs[0]
+        if not motion.solved and proof is not None and proof.proved:
+            motion = replace(motion, provenance={"made_from": THE_MOTION, **motion.provenance})
+        given = {"duration": motion.duration, "motion": motion, "proof": proof}
+        return [replace(start, level=Level.FINISHED, **given)]
+
+    starts = [_Start(path, path.motion.duration) for path in starts_of(legs)]
+    finished = sorted(best_first(starts, raised), key=lambda f: (not f.keeps_limits, f.duration))
+    search, proof = (finished[0].motion, finished[0].proof) if finished else (None, None)
+    below = finished[0].duration if finished and finished[0].keeps_limits else None
+    proved_paths = [proved for f in finished if (proved := f.fallback) is not None]
     # Other paths are timed only if their lower bound is below the motion found.
-    paths = [*proved_paths, *timed_paths(around, legs, progress, below=below, tried=tried)]
+    names_tried = () if below is None else [path.name for path in tried]
+    paths = [*proved_paths, *timed_paths(around, legs, progress, below=below, tried=names_tried)]
     more: dict[str, Any] = {
         "scene": list(scene.names),
-        "paths": [{"start": p.name, "duration": p.motion.duration} for p in starts],
+        "paths": [{"start": p.name, "duration": p.motion.duration} for p in tried],
         "planning_time": planned - begin,
     }
     if paths or below is not None:
         more["first_certified"] = legs[0].certified - begin_processor
         fallback = min(paths, key=lambda path: path.motion.duration, default=None)
-        best = at_least(fallback, search, proof)
+        is_fallback = any(path.motion is search for path in proved_paths)
+        best = at_least(fallback, search, None if is_fallback else proof)
     else:
         with interpreted():  # compilation does not pay for one motion, often after the deadline
             motion = _ignoring(family, via, settings)

@@ -21,9 +21,11 @@ from microbot_ocp.limits import LIMIT_TOLERANCE, Limit, LimitFamily
 from microbot_ocp.motion import Motion, PiecewisePolynomial, polynomial_of
 from microbot_ocp.planning.free import InitialGuess, phase_shapes
 from microbot_ocp.planning.search._branches import Way
+from microbot_ocp.planning.search._queue import Level
+from microbot_ocp.planning.search._refinement import best_of, resumed, search_of
 from microbot_ocp.planning.search._result import fastest, motion_from
 from microbot_ocp.planning.search._search import MotionAnswer, MotionSearch, SearchState
-from microbot_ocp.planning.search._starts import FROM_PATHS, explore_mesh, full_mesh
+from microbot_ocp.planning.search._starts import explore, explore_mesh, full_mesh
 from microbot_ocp.planning.search._stop_motion import (
     places_along,
     poses_at_stops,
@@ -31,7 +33,6 @@ from microbot_ocp.planning.search._stop_motion import (
     stretches,
     tool_poses,
 )
-from microbot_ocp.planning.search._strategies import best_of, resumed, search_of
 from microbot_ocp.planning.search._through_stops import Front, SolveRequest, problem_of
 from microbot_ocp.planning.task import Task, reach_of
 from microbot_ocp.robot import Robot
@@ -290,7 +291,7 @@ class GuidedSearch:
         around = around or self.around(tool_poses(self.task.robot, self.way.via))
         while True:
             search = self._search(around, finer)
-            result = CoarseResult(search, search.run(FROM_PATHS), around, finer)
+            result = CoarseResult(search, explore(search), around, finer)
             answer = best_of(search, result.state)
             if not answer.solved:
                 return result
@@ -345,7 +346,7 @@ class GuidedSearch:
         """
         best = fastest(now.search, now.state, duration=self.request.duration)
         answers, before = [best.answer], best.answer.before
-        if best.answer.strategy == "last digits" and before is not None:
+        if best.answer.level is Level.FINISHED and before is not None:
             answers += [before] if before.solution is not best.answer.solution else []
         for answer in answers:
             motion = motion_from(replace(best, answer=answer))

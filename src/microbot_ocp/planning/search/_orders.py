@@ -1,37 +1,30 @@
-"""The best of all orders of a few stops, compared on a coarse mesh.
+"""The best of all orders of a few stops.
 
-Every order is first timed from rest to rest, along straight joint paths between its stops or along
-paths around the obstacles. Orders are then solved on a coarse mesh, the fastest timing first,
-unless a lower bound or an optimistic estimate from the timed paths excludes them. Orders within the
-error of coarse answers of the best one are refined.
+Every order is a candidate of the queue: bounded by the velocity limits, timed from rest to rest
+along straight joint paths or paths around the obstacles, solved on a coarse mesh, refined.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
 
-from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import InputError
 from microbot_ocp.motion import Motion
 from microbot_ocp.planning.search._branches import Way, least_duration, ways_through
+from microbot_ocp.planning.search._queue import Level, best_first
+from microbot_ocp.planning.search._refinement import search_of
 from microbot_ocp.planning.search._result import LEFT_OUT, fastest, motion_from
-from microbot_ocp.planning.search._settings import SEARCH
-from microbot_ocp.planning.search._starts import segment_timings
-from microbot_ocp.planning.search._strategies import STRATEGIES, search_of
+from microbot_ocp.planning.search._starts import compare_starts, segment_timings
 from microbot_ocp.planning.search._through_stops import SolveRequest, fastest_through, problem_of
 from microbot_ocp.planning.task import CELL_TIME_LIMIT, Segment, Task, one_remark
 
 MOST_ORDERED = 7  # largest number of stops in free order: 5040 orders
-# Coarse and refined durations of one task differ by a common share (0.9 to 1.3 % for six orders of
-# a Puma among obstacles, 0.2 to 0.5 % for six of a Microbot), so a larger difference between coarse
-# durations decides between two orders.
-ACCURACY = 0.01  # relative, on the usual coarse mesh
 OPTIMISTIC_SHARE = (
     0.5  # assumed lower bound on the optimum, as a fraction of the rest-to-rest timing
 )
@@ -39,8 +32,8 @@ OPTIMISTIC_SHARE = (
 Places = tuple[int, ...]
 
 
-class Candidate(Protocol):
-    """One order of the stops, with durations of increasing accuracy.
+class OrderedTask(Protocol):
+    """A task with its stops in one order.
 
     Attributes
     ----------
@@ -102,8 +95,24 @@ def _orders(count: int, cycle: bool, segments: Sequence[Segment] | None) -> list
     return [order for order in orders if tied <= set(itertools.pairwise((*order, 0)))]
 
 
+@dataclass(frozen=True, eq=False)
+class _Order:
+    """An order of the stops as a candidate of the queue, by their original places."""
+
+    places: Places
+    level: Level
+    duration: float
+    task: OrderedTask | None = None
+    motion: Motion | None = None
+
+    @property
+    def keeps_limits(self) -> bool:
+        """False if nothing was found."""
+        return np.isfinite(self.duration) if self.motion is None else self.motion.solved
+
+
 def best_order(
-    request: SolveRequest, tasks: Mapping[Places, Task], candidate: Callable[[Task], Candidate]
+    request: SolveRequest, tasks: Mapping[Places, Task], ordered: Callable[[Task], OrderedTask]
 ) -> Motion:
     """Return the best of several orders of the stops.
 
@@ -116,83 +125,75 @@ def best_order(
         No order is feasible.
     """
     rows: dict[Places, dict[str, Any]] = {}
-    there: dict[Places, Candidate] = {}
-    refused: InputError | None = None
     for places, task in tasks.items():
-        row = rows[places] = {"order": list(places), "bound": least_duration(task)}
-        row |= {"coarse": None, "duration": None, "status": LEFT_OUT}
-        if there and deadline.over():
-            continue
+        row = {"order": list(places), "bound": least_duration(task), "status": LEFT_OUT}
+        rows[places] = row | {"coarse": None, "duration": None}
+    refused: list[InputError] = []
+
+    def raised(order: _Order, best: float) -> list[_Order]:
         try:
-            there[places] = candidate(task)
-            row["rested"] = there[places].rest_duration
+            return [_raised(request, tasks[order.places], order, ordered, rows, best)]
         except InputError as problem:
-            refused, row["status"] = problem, str(problem)
-    if not there:
-        assert refused is not None
-        raise refused
-    # The most promising orders come first: their coarse durations exclude others.
-    ranked = sorted(there, key=lambda p: (there[p].rest_duration, rows[p]["bound"], p))
-    coarse: dict[Places, float] = {}
-    usual, duration = SEARCH.explore_mesh, request.duration
-    # The error of a coarse mesh of N intervals is proportional to 1 / N^2.
-    accurate = 1.0 + ACCURACY * max(1.0, usual / (request.settings.mesh or usual)) ** 2
-    for places in ranked:
-        best = min(coarse.values(), default=np.inf)
-        most = best if duration is None else duration
-        least = max(
-            rows[places]["bound"], there[places].optimistic_duration if np.isfinite(best) else 0.0
-        )
-        if coarse and (least >= accurate * most or deadline.over()):
-            continue
-        try:
-            coarse[places] = there[places].coarse_duration(accurate * most)
-        except InputError as problem:
-            refused, rows[places]["status"] = problem, str(problem)
-            continue
-        if np.isfinite(coarse[places]):
-            rows[places] |= {"coarse": coarse[places], "status": "coarse"}
-        request.progress(f"order {_named(places)}: {coarse[places]:.4f} s on the coarse mesh")
-    if not coarse:
-        assert refused is not None
-        raise refused
-    most = accurate * (min(coarse.values()) if duration is None else duration)
-    return _refined(request, rows, there, coarse, most)
+            refused.append(problem)
+            rows[order.places]["status"] = str(problem)
+            return []
+
+    first = [_Order(places, Level.BOUND, row["bound"]) for places, row in rows.items()]
+    most = np.inf if request.duration is None else request.duration
+    finished = best_first(first, raised, most)
+    if not finished:
+        raise refused[0]
+
+    def rank(order: _Order) -> tuple[bool, float, float]:
+        assert order.motion is not None
+        effort = order.motion.provenance.get("least_effort", {}).get("effort", np.inf)
+        calmed = np.inf if request.duration is None else effort
+        return not order.motion.solved, calmed, order.motion.duration
+
+    best = min(finished, key=rank)
+    return _with_orders(best, list(rows.values()))
 
 
-def _refined(
+def _raised(
     request: SolveRequest,
-    orders: dict[Places, dict[str, Any]],
-    there: Mapping[Places, Candidate],
-    coarse: Mapping[Places, float],
-    most: float,
-) -> Motion:
-    """Return the best of the orders whose coarse duration is at most ``most``, s."""
-    near = sorted(coarse, key=lambda p: (coarse[p], there[p].rest_duration, p))
-    near = [places for places in near if coarse[places] <= most] or near[:1]
-    best: Motion | None = None
+    task: Task,
+    order: _Order,
+    ordered: Callable[[Task], OrderedTask],
+    rows: Mapping[Places, dict[str, Any]],
+    best: float,
+) -> _Order:
+    """Return an order on the next level, and store its durations in its row."""
+    row, name = rows[order.places], _named(order.places)
+    if order.task is None:
+        timed = ordered(task)
+        row["rested"] = timed.rest_duration
+        duration = max(order.duration, timed.optimistic_duration)
+        return replace(order, level=Level.TIMED, duration=duration, task=timed)
+    if order.level is Level.TIMED:
+        known = [other["coarse"] for other in rows.values() if other["coarse"] is not None]
+        coarse = order.task.coarse_duration(min([best, *known]))
+        if np.isfinite(coarse):
+            row |= {"coarse": coarse, "status": "coarse"}
+        request.progress(f"order {name}: {coarse:.4f} s on the coarse mesh")
+        return replace(order, level=Level.COARSE, duration=coarse)
+    motion = order.task.motion()
+    row |= {"duration": motion.duration, "status": str(motion.status)}
+    request.progress(f"order {name}: {motion.duration:.4f} s, {motion.status}")
+    return replace(order, level=Level.FINISHED, duration=motion.duration, motion=motion)
 
-    def rank(motion: Motion) -> tuple[bool, float, float]:
-        calmed = {} if request.duration is None else motion.provenance.get("least_effort", {})
-        return not motion.solved, calmed.get("effort", np.inf), motion.duration
 
-    for places in near:
-        if best is not None and deadline.over():
-            break
-        motion = there[places].motion()
-        orders[places] |= {"duration": motion.duration, "status": str(motion.status)}
-        request.progress(f"order {_named(places)}: {motion.duration:.4f} s, {motion.status}")
-        if best is None or rank(motion) < rank(best):
-            best = replace(motion, provenance={**motion.provenance, "order": list(places)})
-    assert best is not None
-    refined = [row for row in orders.values() if row["duration"] is not None]
-    counts = f"{len(coarse)} solved on a coarse mesh, {len(refined)} of them refined"
-    rows = [row for row in orders.values() if row["status"] != LEFT_OUT]
+def _with_orders(best: _Order, rows: list[dict[str, Any]]) -> Motion:
+    """Return the motion of an order with the record of all orders."""
+    motion, all_orders = best.motion, len(rows)
+    assert motion is not None
+    rows = [row for row in rows if row["status"] != LEFT_OUT]
     rows.sort(key=lambda row: (row["duration"] or np.inf, row["coarse"] or np.inf))
-    left_out, taken = len(orders) - len(rows), _named(best.provenance["order"])
-    provenance = {**best.provenance, "orders": rows, "orders_left_out": left_out}
-    remark = one_remark(f"order {taken} of {len(orders)}, {counts}", best.remark)
-    return replace(best, provenance=provenance, remark=remark)
+    coarse, refined = (sum(row[key] is not None for row in rows) for key in ("coarse", "duration"))
+    counts = f"{coarse} solved on a coarse mesh, {refined} of them refined"
+    given = {"order": list(best.places), "orders": rows, "orders_left_out": all_orders - len(rows)}
+    provenance = {**motion.provenance, **given}
+    remark = one_remark(f"order {_named(best.places)} of {all_orders}, {counts}", motion.remark)
+    return replace(motion, provenance=provenance, remark=remark)
 
 
 def _named(places: Sequence[int]) -> str:
@@ -247,8 +248,8 @@ class _OrderWithoutObstacles:
         least = replace(
             problem, duration_to_beat=duration_to_beat - problem.dwell_time, for_comparison=True
         )
-        self._state = replace(self._search, problem=least).run(STRATEGIES[:1])
-        solved = [a.solution.duration for a in self._state.of("start") if a.solved]
+        self._state = compare_starts(replace(self._search, problem=least))
+        solved = [a.solution.duration for a in self._state.starts if a.solved]
         return min(solved, default=np.inf) + problem.dwell_time
 
     def motion(self) -> Motion:

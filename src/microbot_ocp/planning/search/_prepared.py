@@ -47,16 +47,16 @@ from microbot_ocp.planning.free import (
 )
 from microbot_ocp.planning.search._chatter import chatter
 from microbot_ocp.planning.search._problem import MotionProblem
-from microbot_ocp.planning.search._result import fastest
-from microbot_ocp.planning.search._search import from_plain, is_enough, plain_of
-from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings
-from microbot_ocp.planning.search._strategies import (
+from microbot_ocp.planning.search._refinement import (
     graded,
     is_costly,
     search_of,
     switch_marks,
     wanted_gap,
 )
+from microbot_ocp.planning.search._result import fastest
+from microbot_ocp.planning.search._search import from_plain, is_enough, plain_of
+from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings
 from microbot_ocp.planning.task import (
     COARSE_SMOOTHING,
     LDL,

@@ -32,7 +32,10 @@ from microbot_ocp.planning.free import (
 from microbot_ocp.planning.search._branches import Way
 from microbot_ocp.planning.search._chatter import chatter
 from microbot_ocp.planning.search._problem import MotionProblem
+from microbot_ocp.planning.search._queue import Level
+from microbot_ocp.planning.search._refinement import best_of, refine
 from microbot_ocp.planning.search._search import (
+    NOTHING,
     MotionAnswer,
     MotionSearch,
     SearchState,
@@ -42,8 +45,7 @@ from microbot_ocp.planning.search._search import (
     settled,
 )
 from microbot_ocp.planning.search._settings import SEARCH, reserving
-from microbot_ocp.planning.search._starts import least_of_slower, sample
-from microbot_ocp.planning.search._strategies import STRATEGIES, best_of
+from microbot_ocp.planning.search._starts import explore, least_of_slower, sample
 from microbot_ocp.planning.task import (
     one_remark,
     provenance_of,
@@ -140,10 +142,10 @@ def fastest(
     slack: float | None = None,
     duration: float | None = None,
 ) -> Fastest:
-    """Run all strategies; search for less effort if a slack or a duration, s, is given."""
+    """Explore and refine; search for less effort if a slack or a duration, s, is given."""
     begin, problem = time.perf_counter(), search.problem
     with reserving() if problem.timed_path is None else nullcontext():
-        state = search.run(STRATEGIES, state)
+        state = refine(search, explore(search, state or NOTHING))
         answer, calmer = best_of(search, state), None
         shortest = answer.solution.duration + problem.dwell_time
         slack = search.settings.slack if slack is None else slack
@@ -240,8 +242,8 @@ def starts_of(state: SearchState, dwell_time: float = 0.0) -> list[dict[str, Any
             "status": str(answer.solution.status),
             "duration": answer.solution.duration + dwell_time,
         }
-        for answer in state.of("start", "known way", "timed path")
-        if answer.before is None or answer.strategy != "start"
+        for answer in state.at(Level.COARSE)
+        if answer.before is None
     ]
 
 
@@ -319,9 +321,10 @@ def branches_of(
     """Return the coarse duration of every way through the branches, the taken one first."""
     via = _poses(solution)
     best: dict[str, dict[str, Any]] = {}
-    for answer in state.of("start", "timed path"):
+    for answer in state.at(Level.COARSE):
         way, coarse = answer.way, answer.solution
-        assert way is not None
+        if way is None or answer.relaxed is not None:
+            continue
         duration = coarse.duration + problem.dwell_time if answer.solved else None
         apart = float(np.abs(_poses(coarse) - via).max())
         keep_faster(best, way, row_of_way(way, duration, str(coarse.status), apart=apart))
@@ -398,7 +401,7 @@ def least_effort(search: MotionSearch, fastest: MotionAnswer, slack: float) -> L
     calmer = refiner.refine(refiner.solve(meshes, guesses, barrier=SEARCH.near_way_barrier))
     search.progress(f"least effort: {calmer.duration:.6f} s, {calmer.status}")
     solves = tuple(refiner.history)
-    answer = replace(fastest, strategy="least effort", before=fastest, solves=solves)
+    answer = replace(fastest, step="least effort", before=fastest, solves=solves)
     if rank(search, calmer)[0] is False:
         answer = replace(answer, solution=calmer, refiner=refiner)
     efforts = effort_of(search, answer.solution), effort_of(search, solution)

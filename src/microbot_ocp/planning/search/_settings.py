@@ -21,12 +21,12 @@ class SearchSettings:
     ----------
     explore_mesh : largest number of intervals per phase of a coarse mesh
     explore_tolerance : solver tolerance on coarse meshes, relative
+    exploring : share of the time limit after which no further start is solved
     explore_sum : intervals of all phases of a coarse mesh together
     least_explore_mesh : smallest number of intervals per phase of a coarse mesh
     same_optimum : relative difference of durations below which two solutions count as one optimum
     least_gain : relative gain of the duration below which no further mesh is solved
     most_polished : largest number of phases for which the full solver tolerance is asked
-    most_refined : largest number of coarse optima that are refined
     full_mesh : intervals per phase of the first full mesh, for jumps of accelerations or rates
     full_mesh_even : intervals per phase of the first full mesh, for continuous accelerations
     acceptable_iterations : acceptable iterations after which IPOPT stops among obstacles
@@ -49,7 +49,6 @@ class SearchSettings:
     smoothing_factors : factors on the usual jerk weight, applied one after another
     smoothing_cost_limit : relative cost of jerk smoothing from which the weight is reduced
     reduced_smoothing : factor on the jerk weight of the reduced smoothing
-    reduced_smoothing_barrier : barrier parameter of the solve with reduced smoothing
     smoothing_iterations : iteration limit of each solve with increased smoothing
     smoothing_barrier : barrier parameter of the first solve with increased smoothing
     largest_slack : largest slack for least effort, relative to the shortest duration
@@ -60,12 +59,12 @@ class SearchSettings:
 
     explore_mesh: int = 20
     explore_tolerance: float = 1e-5
+    exploring: float = 0.5
     explore_sum: int = 160
     least_explore_mesh: int = 6
     same_optimum: float = 1e-3
     least_gain: float = 1e-4
     most_polished: int = 15
-    most_refined: int = 3
     full_mesh: int = 80
     full_mesh_even: int = 100
     acceptable_iterations: int = 15
@@ -88,7 +87,6 @@ class SearchSettings:
     smoothing_factors: tuple[float, ...] = (1e6, 1e5, 1e4, 1e3, 1e2, 10.0, 1.0)
     smoothing_cost_limit: float = 2e-4
     reduced_smoothing: float = 1e-2
-    reduced_smoothing_barrier: float = 1e-6
     smoothing_iterations: int = 200
     smoothing_barrier: float = 1e-2
     largest_slack: float = 20.0

@@ -7,8 +7,10 @@ a timed path.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -27,13 +29,14 @@ from microbot_ocp.planning.free import (
 from microbot_ocp.planning.search._branches import Way, few_poses, least_time, segment_timings
 from microbot_ocp.planning.search._problem import MotionProblem, TrialStart
 from microbot_ocp.planning.search._search import (
+    NOTHING,
+    START,
     MotionAnswer,
     MotionSearch,
-    MotionStrategy,
-    NextStep,
     SearchState,
     by_promise,
     settled,
+    timed_step,
 )
 from microbot_ocp.planning.search._settings import SEARCH
 from microbot_ocp.planning.task import LDL, Task, TaskScale, rounded
@@ -65,22 +68,47 @@ def coarse(search: MotionSearch) -> Refiner:
     return replace(refiner, transcription=kernels)
 
 
+# answers on a coarse mesh ------------------------------------------------------------------------
+
+
+def explore(search: MotionSearch, state: SearchState = NOTHING) -> SearchState:
+    """Return the state with coarse answers; if no start is solved, last resorts follow."""
+    if search.problem.timed_path is not None:
+        return state if state.answers else SearchState((from_timed_path(search),))
+    state = compare_starts(search, state)
+    for resort in (from_known_way, from_relaxed):
+        is_solved = any(answer.solved for answer in state.answers)
+        if is_solved or search.over or state.interrupted:
+            break
+        if resort is from_relaxed or search.problem.fallback is not None:
+            state = state.and_(resort(search, nearest(state)))
+    return state
+
+
+def compare_starts(search: MotionSearch, state: SearchState = NOTHING) -> SearchState:
+    """Return the state with starts solved until another is unlikely to be the best."""
+    while not state.interrupted:
+        late = search.over or search.spent > SEARCH.exploring
+        step = None if state.answers and late else next_start(search, state)
+        if step is None:
+            break
+        state = state.and_(step())
+    return state
+
+
 def sample(state: SearchState) -> list[MotionAnswer]:
     """Return the starts that are compared: all that were solved on the finest mesh of any start."""
-    tried = state.of("start")
-    finest = max((answer.intervals for answer in tried if answer.solved), default=0)
-    return [answer for answer in tried if answer.intervals == finest or not finest]
+    finest = max((answer.intervals for answer in state.starts if answer.solved), default=0)
+    return [answer for answer in state.starts if answer.intervals == finest or not finest]
 
 
-def next_start(search: MotionSearch, state: SearchState) -> NextStep | None:
-    """Return a fresh start while another one is likely to lead to a new optimum.
+def next_start(search: MotionSearch, state: SearchState) -> Callable[[], MotionAnswer] | None:
+    """Return the solve of a fresh start while another one is likely to lead to a new optimum.
 
     If the first starts disagree, they and all later ones are compared on a mesh twice as fine:
-    optima of a coarse mesh are not those of a fine one. Among obstacles there are no such starts.
+    optima of a coarse mesh are not those of a fine one.
     """
-    tried, settings = state.of("start"), search.settings
-    if search.problem.timed_path or (tried and search.over):
-        return None
+    tried, settings = state.starts, search.settings
     if not search.problem.is_free or len(tried) < settings.starts:
         return _fresh(search, state)
     compared = sample(state)
@@ -91,17 +119,17 @@ def next_start(search: MotionSearch, state: SearchState) -> NextStep | None:
     if any(answer.solved for answer in tried):
         carried = by_promise([answer for answer in tried if answer.intervals == first])
         for answer in carried if second > first else ():
-            if state.made_of(answer, "start") is None:
-                return NextStep(answer, intervals=second)
+            if state.continued(answer) is None:
+                return partial(on_finer_mesh, search, answer, second)
     return _fresh(search, state)
 
 
-def _fresh(search: MotionSearch, state: SearchState) -> NextStep | None:
-    """Return the next initial guess, on the mesh on which answers are compared."""
+def _fresh(search: MotionSearch, state: SearchState) -> Callable[[], MotionAnswer] | None:
+    """Return the solve of the next initial guess, on the mesh on which answers are compared."""
     drawn = search.problem.is_free and not search.problem.for_comparison
     start = (_next_drawn if drawn else _next_through_ways)(search.problem, state)
-    carried = any(answer.before is not None for answer in state.of("start"))
-    return start and NextStep(start=start, intervals=_start_meshes(search)[carried])
+    carried = any(answer.before is not None for answer in state.starts)
+    return start and partial(from_guess, search, start, _start_meshes(search)[carried])
 
 
 def _start_meshes(search: MotionSearch) -> tuple[int, int]:
@@ -109,21 +137,24 @@ def _start_meshes(search: MotionSearch) -> tuple[int, int]:
     return first, min(2 * first, full_mesh(search))
 
 
-def try_start(search: MotionSearch, step: NextStep) -> MotionAnswer:
-    """Solve from an initial guess, or continue an answer on a finer mesh."""
-    refiner, start, tolerance = coarse(search), step.start, SEARCH.explore_tolerance
-    if start is None:
-        name, way = step.answer.start, step.answer.way
-        refiner = replace(refiner, rough=tolerance, once=True)
-        meshes = [step.intervals] * len(search.problem.names)
-        solution = refiner.finer(step.answer.solution, meshes)
-    else:
-        name, way = start.guess.name, start.way
-        refiner = replace(refiner, settings=replace(refiner.settings, **start.settings))
-        guesses, solver = start.guess.guesses, start.solver
-        solution = refiner.solve(step.intervals, guesses, tolerance=tolerance, solver=solver)
-    _report(search, name, solution, f" on {step.intervals} intervals a phase")
-    return _answer(search, name, solution, refiner, way)
+@timed_step
+def from_guess(search: MotionSearch, start: TrialStart, intervals: int) -> MotionAnswer:
+    """Solve from an initial guess."""
+    refiner, name = coarse(search), start.guess.name
+    refiner = replace(refiner, settings=replace(refiner.settings, **start.settings))
+    tolerance, solver = SEARCH.explore_tolerance, start.solver
+    solution = refiner.solve(intervals, start.guess.guesses, tolerance=tolerance, solver=solver)
+    _report(search, name, solution, f" on {intervals} intervals a phase")
+    return _answer(search, name, solution, refiner, way=start.way)
+
+
+@timed_step
+def on_finer_mesh(search: MotionSearch, answer: MotionAnswer, intervals: int) -> MotionAnswer:
+    """Solve on a finer coarse mesh from an answer."""
+    refiner = replace(coarse(search), rough=SEARCH.explore_tolerance, once=True)
+    solution = refiner.finer(answer.solution, [intervals] * len(search.problem.names))
+    _report(search, answer.start, solution, f" on {intervals} intervals a phase")
+    return _answer(search, answer.start, solution, refiner, way=answer.way, before=answer)
 
 
 def _report(search: MotionSearch, start: str, solution: Solution, where: str = "") -> None:
@@ -131,57 +162,51 @@ def _report(search: MotionSearch, start: str, solution: Solution, where: str = "
 
 
 def _answer(
-    search: MotionSearch, start: str, solution: Solution, by: Refiner, way: Way | None = None
+    search: MotionSearch,
+    start: str,
+    solution: Solution,
+    by: Refiner,
+    step: str = START,
+    **more: Any,
 ) -> MotionAnswer:
     """Return a coarse answer with the refiner that continues it on the usual kernels."""
-    solves = tuple(by.history)
-    return MotionAnswer(start, solution, search.refiner, SMOOTHING, solves=solves, way=way)
-
-
-def _nothing_solved(search: MotionSearch, state: SearchState, strategy: str) -> NextStep | None:
-    if search.over or any(answer.solved for answer in state.answers) or state.of(strategy):
-        return None
-    if search.problem.timed_path:  # a motion within limits is known
-        return None
-    return NextStep(nearest(state))
+    given = {"solves": tuple(by.history), "step": step, **more}
+    return MotionAnswer(start, solution, search.refiner, SMOOTHING, **given)
 
 
 def nearest(state: SearchState) -> MotionAnswer:
-    """Return the start whose answer violates the constraints least."""
+    """Return the first answer that violates the constraints least."""
     return min(
-        state.of("start", "timed path"),
+        (answer for answer in state.answers if answer.is_first),
         key=lambda a: (not a.solution.attempts, a.solution.attempts[-1].infeasibility),
     )
 
 
-def next_from_known(search: MotionSearch, state: SearchState) -> NextStep | None:
-    """Return a step from a known way, if no start was solved."""
-    step = _nothing_solved(search, state, "known way")
-    return step if step is not None and search.problem.fallback is not None else None
+@timed_step
+def from_known_way(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
+    """Solve from a known way with its best timing: limits may be so tight that no guess converges.
 
-
-def from_known(search: MotionSearch, step: NextStep) -> MotionAnswer:
-    """Solve from a known way with its best timing."""
+    The mesh is that of the subject.
+    """
     way, refiner = search.problem.fallback, coarse(search)
     assert way is not None
     solution = refiner.solve(
-        [phase.mesh for phase in step.answer.solution.phases],
+        [phase.mesh for phase in subject.solution.phases],
         search.problem.guesses_along(way.motion),
         tolerance=SEARCH.explore_tolerance,
         barrier=SEARCH.near_way_barrier,
     )
     _report(search, way.made_from, solution)
-    return _answer(search, way.made_from, solution, refiner)
+    return _answer(search, way.made_from, solution, refiner, "known way")
 
 
-def next_relaxed(search: MotionSearch, state: SearchState) -> NextStep | None:
-    """Return a step to the relaxed problem, if nothing was solved."""
-    return _nothing_solved(search, state, "relaxed problem")
+@timed_step
+def from_relaxed(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
+    """Solve for the least violation of the limits; if it is zero, solve from there.
 
-
-def from_relaxed(search: MotionSearch, step: NextStep) -> MotionAnswer:
-    """Solve for the least violation of the limits; if it is zero, solve from there."""
-    subject, refiner, problem = step.answer, coarse(search), search.problem
+    It tells which limit a task breaks that asks too much.
+    """
+    refiner, problem = coarse(search), search.problem
     meshes = [phase.mesh for phase in subject.solution.phases]
     first = problem.drawn(0)
     assert first is not None
@@ -192,41 +217,19 @@ def from_relaxed(search: MotionSearch, step: NextStep) -> MotionAnswer:
     if relaxed.conclusive and relaxed.feasible:
         guesses = guesses_from(relaxed)
         solution = refiner.solve(meshes, guesses, tolerance=SEARCH.explore_tolerance)
-    answer = _answer(search, subject.start, solution, refiner, subject.way)
-    return replace(answer, relaxed=relaxed)
+    given = {"way": subject.way, "before": subject, "relaxed": relaxed}
+    return _answer(search, subject.start, solution, refiner, "relaxed problem", **given)
 
 
-def next_timed_path(search: MotionSearch, state: SearchState) -> NextStep | None:
-    """Return a step from the timed path among obstacles, once."""
-    return NextStep() if search.problem.timed_path and not state.answers else None
-
-
-def from_timed_path(search: MotionSearch, step: NextStep) -> MotionAnswer:
+@timed_step
+def from_timed_path(search: MotionSearch) -> MotionAnswer:
     """Solve on a coarse mesh near a timed path; motions far from it may collide."""
     problem, path, refiner = search.problem, search.problem.timed_path, coarse(search)
     assert path is not None
     refiner, guesses = replace(refiner, once=False), problem.with_closed(path.guesses)
     solution = refiner.solve(explore_mesh(search), guesses, barrier=SEARCH.timed_path_barrier)
     _report(search, path.name, solution)
-    return _answer(search, path.name, solution, refiner, problem.ways[0])
-
-
-FROM_GUESSES = (
-    MotionStrategy(
-        "start", next_start, try_start, "local optima are several per cent apart", share=0.5
-    ),
-    MotionStrategy(
-        "known way", next_from_known, from_known, "limits so tight that no guess converges"
-    ),
-    MotionStrategy(
-        "relaxed problem", next_relaxed, from_relaxed, "tasks that ask too much: which limit gives"
-    ),
-)
-FROM_PATHS = (
-    MotionStrategy(
-        "timed path", next_timed_path, from_timed_path, "obstacles, which other starts run into"
-    ),
-)
+    return _answer(search, path.name, solution, refiner, "timed path", way=problem.ways[0])
 
 
 # initial guesses --------------------------------------------------------------------------------
@@ -234,7 +237,7 @@ FROM_PATHS = (
 
 def _next_drawn(problem: MotionProblem, state: SearchState) -> TrialStart | None:
     """Return the first guess that was not tried."""
-    tried = [answer for answer in state.of("start") if answer.before is None]
+    tried = [answer for answer in state.starts if answer.before is None]
     settings, index = problem.settings, len(tried)
     guess = problem.drawn(index)
     if guess is None:
@@ -271,14 +274,14 @@ def _next_through_ways(problem: MotionProblem, state: SearchState) -> TrialStart
 
 def _guesses(problem: MotionProblem, state: SearchState) -> Iterator[tuple[Way, InitialGuess]]:
     """Yield guesses that were not tried: ways first, then curved ones along the best way."""
-    tried, task, settings = {a.start for a in state.of("start")}, problem.task, problem.settings
+    tried, task, settings = {a.start for a in state.starts}, problem.task, problem.settings
     for way in problem.ways if settings.starts > 1 else problem.ways[:1]:
         if way.name not in tried and least_of_slower(problem, state, way) is None:
             yield way, rest_to_rest(task, way, problem.names, settings.compiled)
     single = settings.starts == 1 or any(kind is not None for kind in task.segments)
     if problem.for_comparison or single or not tried:
         return
-    of_ways = [a for a in state.of("start") if a.way is not None and a.start == a.way.name]
+    of_ways = [a for a in state.starts if a.way is not None and a.start == a.way.name]
     best = min(of_ways, key=lambda a: (not a.solved, a.solution.duration)).way
     assert best is not None
     further = min(SEARCH.curved_guesses, settings.starts - 1) + 1
@@ -296,7 +299,7 @@ def least_of_slower(problem: MotionProblem, state: SearchState, way: Way) -> flo
     Lower bound: no motion on the way is faster. A redundant or tolerant stop may move its pose, so
     there the bound must exceed the best duration by a factor.
     """
-    durations = [a.solution.duration for a in state.of("start") if a.solved]
+    durations = [a.solution.duration for a in state.starts if a.solved]
     exact = all(few_poses(problem.task.robot, stop) is not None for stop in problem.task.stops)
     least = least_time(problem.task, way)
     slower = least > (1.0 if exact else SEARCH.prune_factor) * min(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any, NamedTuple
 
@@ -48,6 +48,7 @@ from microbot_ocp.planning.search._orders import (
     rest_duration_of,
     tasks_in_orders,
 )
+from microbot_ocp.planning.search._queue import Level, best_first
 from microbot_ocp.planning.search._result import (
     LEFT_OUT,
     keep_faster,
@@ -129,6 +130,29 @@ class GuidedWay(NamedTuple):
     name: str
 
 
+@dataclass(frozen=True, eq=False)
+class _Guided:
+    """A way around obstacles as a candidate of the queue."""
+
+    guide: GuidedWay
+    duration: float
+    level: Level = Level.BOUND
+    solved: bool = True
+    front: Front = field(default_factory=lambda: ([], ""))
+    proofs: list[Clearance | None] = field(default_factory=list)
+
+    @property
+    def keeps_limits(self) -> bool:
+        """False for a motion that is not solved or not proved to keep clear."""
+        return self.solved and np.isfinite(self.duration)
+
+    @property
+    def rank(self) -> tuple[bool, bool, float]:
+        """Sort key: solved and clear motions first, then clear ones, then the fastest."""
+        clear = any(proof is not None and proof.proved for proof in self.proofs[:1])
+        return not self.keeps_limits, not clear, self.duration
+
+
 class _OrderAmongObstacles:
     """One order of stops among obstacles."""
 
@@ -173,30 +197,24 @@ class _OrderAmongObstacles:
         )
         return GuidedSearch(self._request, task, self._scene, way, start, poses)
 
-    def _explore(self, guides: Sequence[GuidedWay], duration_to_beat: float = np.inf) -> None:
-        """Solve coarsely for ways that may beat ``duration_to_beat``, s, and the best so far."""
-        for guide in guides:
-            best = min(
-                [
-                    duration_to_beat,
-                    *(coarse_result.duration for coarse_result in self._coarse_results.values()),
-                ]
-            )
-            if guide.name in self._coarse_results or least_time(self.task, guide.way) > best:
-                continue
-            if np.isfinite(best) and deadline.over():
-                return
+    def _coarse(self, guide: GuidedWay) -> CoarseResult | None:
+        """Return the coarse answers along a way; None if the time is over before they begin."""
+        if guide.name not in self._coarse_results:
             with suppress(deadline.Over):
                 self._coarse_results[guide.name] = self._search(guide).coarse_result()
+        return self._coarse_results.get(guide.name)
 
     def coarse_duration(self, duration_to_beat: float) -> float:
-        dwell_time = float(self.task.dwells.sum())
-        fastest: dict[Way, GuidedWay] = {}
-        for guide in self._guided:
-            fastest.setdefault(guide.way, guide)
-        self._explore(list(fastest.values()), duration_to_beat - dwell_time)
-        durations = (coarse_result.duration for coarse_result in self._coarse_results.values())
-        return min(durations, default=np.inf) + dwell_time
+        """Return the best coarse duration of the fastest path along each way, s, with dwells."""
+        dwell_time, least = float(self.task.dwells.sum()), np.inf
+        fastest = list({guide.way: guide for guide in reversed(self._guided)}.values())
+        for guide in reversed(fastest):
+            most = min(duration_to_beat - dwell_time, least)
+            if least_time(self.task, guide.way) > most or (np.isfinite(most) and deadline.over()):
+                continue
+            result = self._coarse(guide)
+            least = min(least, np.inf if result is None else result.duration)
+        return least + dwell_time
 
     def motion(self) -> Motion:
         return self.motions()[0][0][1]
@@ -233,19 +251,26 @@ class _OrderAmongObstacles:
         self, front_of: FrontFunction | None
     ) -> tuple[Front, list[Clearance | None], Way | None]:
         """Return the requested motions, the proofs that they keep clear, and their way."""
-        self._explore(self._guided)
-        front: Front = [], ""
-        proofs: list[Clearance | None] = []
-        taken: Way | None = None
-        guides = [guide for guide in self._guided if guide.name in self._coarse_results]
-        for guide in sorted(guides, key=lambda guide: self._coarse_results[guide.name].duration):
-            there, proved = self._search(guide).motions(front_of, self._coarse_results[guide.name])
-            clear = any(proof is not None and proof.proved for proof in proved[:1])
-            if clear or not front[0]:
-                front, proofs, taken = there, proved, guide.way
-            if deadline.over() or (clear and front[0][0][1].solved):
-                break
-        return front, proofs, taken
+
+        def raised(guided: _Guided, _: float) -> list[_Guided]:
+            result = self._coarse(guided.guide)
+            if result is None:
+                return []
+            if guided.level is Level.BOUND:
+                return [replace(guided, level=Level.COARSE, duration=result.duration)]
+            front, proofs = self._search(guided.guide).motions(front_of, result)
+            if not front[0]:
+                return []
+            motion, proof = front[0][0][1], proofs[0]
+            solved = motion.solved and proof is not None and proof.proved
+            given = {"duration": motion.duration, "solved": solved, "front": front}
+            return [replace(guided, level=Level.FINISHED, proofs=proofs, **given)]
+
+        first = [_Guided(guide, least_time(self.task, guide.way)) for guide in self._guided]
+        best = min(best_first(first, raised), key=lambda guided: guided.rank, default=None)
+        if best is None:
+            return ([], ""), [], None
+        return best.front, best.proofs, best.guide.way
 
     def _branches(self, taken: Way) -> list[dict[str, Any]]:
         """Return the coarse duration of every way through the branches, the taken one first."""

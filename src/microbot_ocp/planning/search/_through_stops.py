@@ -29,6 +29,7 @@ from microbot_ocp.planning.search._branches import (
     ways_through,
 )
 from microbot_ocp.planning.search._problem import MotionProblem
+from microbot_ocp.planning.search._refinement import search_of
 from microbot_ocp.planning.search._result import (
     Fastest,
     effort_of,
@@ -40,7 +41,6 @@ from microbot_ocp.planning.search._result import (
 )
 from microbot_ocp.planning.search._search import MotionSearch, SearchState, rank
 from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings, reserving
-from microbot_ocp.planning.search._strategies import search_of
 from microbot_ocp.planning.task import (
     CELL_TIME_LIMIT,
     Segment,

@@ -1,13 +1,13 @@
-"""The table of strategies that find free motions and motions through stops.
+"""The refinement of coarse motions: full meshes, split intervals, last digits.
 
 The fastest of several local optima on a coarse mesh is solved on a finer mesh, whose intervals are
-split until limits hold between mesh points. In each step the first row that has an answer to work
-on is run.
+split until limits hold between mesh points.
 """
 
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -31,18 +31,18 @@ from microbot_ocp.planning.free import (
     with_motion,
 )
 from microbot_ocp.planning.search._problem import MotionProblem
+from microbot_ocp.planning.search._queue import Level, best_first
 from microbot_ocp.planning.search._search import (
     MotionAnswer,
     MotionSearch,
-    MotionStrategy,
-    NextStep,
     SearchState,
     by_promise,
     is_enough,
     rank,
+    timed_step,
 )
 from microbot_ocp.planning.search._settings import SEARCH
-from microbot_ocp.planning.search._starts import FROM_GUESSES, FROM_PATHS, full_mesh, nearest
+from microbot_ocp.planning.search._starts import full_mesh, nearest
 from microbot_ocp.planning.task import (
     GAP,
     LDL,
@@ -104,34 +104,49 @@ def wanted_gap(problem: MotionProblem) -> float:
 TINY = 1e-12
 RATED_GAP = 1e-4  # relative gap wanted under limits of jerks and torque rates
 SHORTEST = 0.05  # share of a phase's longest interval: shorter ones are not split at switches
-COARSE = ("start", "known way", "relaxed problem", "timed path")
-ON_FULL_MESH = ("full mesh", "less and less smoothing")
+# Name of each step in the ledger
+FULL_MESH = "full mesh"
+SMOOTHED = "less and less smoothing"
+SPLIT = "splitting"
+LAST_DIGITS = "last digits"
+
+
+def refine(search: MotionSearch, state: SearchState) -> SearchState:
+    """Return the state with the most promising answers refined, and the best one finished."""
+    made = list(state.answers)
+
+    def raised(answer: MotionAnswer, _: float) -> list[MotionAnswer]:
+        if search.over or made[-1].interrupted:
+            return []
+        last = answer
+        for last in (_finished if answer.level is Level.SPLIT else _refined)(search, answer):
+            made.append(last)
+            if search.over or last.interrupted:
+                break
+        return [last] if last.level >= Level.SPLIT and last is not answer else []
+
+    best_first(_promising(state), raised)
+    return SearchState(tuple(made))
 
 
 def best_of(search: MotionSearch, state: SearchState) -> MotionAnswer:
     """Return the best refined answer; the nearest coarse one if there is none."""
-    answers = state.of("last digits") or state.of("splitting")
+    answers = state.at(Level.FINISHED) or state.at(Level.SPLIT)
     if answers:
         return min(answers, key=lambda answer: rank(search, answer.solution))
     solved = by_promise(state.answers)
     return solved[0] if solved else nearest(state)
 
 
-def promising(state: SearchState) -> list[MotionAnswer]:
-    """Return the coarse answers that the best motion may come from, the fastest first.
-
-    An answer that was continued on a finer mesh stays in the list if it led to a slower optimum.
-    """
-    compared = [a for a in state.of("start") if not _superseded(state, a)]
-    others = [a for a in state.of("known way", "relaxed problem", "timed path") if a.solved]
-    return by_promise([*compared, *others])
+def _promising(state: SearchState) -> list[MotionAnswer]:
+    """Return the answers on a full mesh, or else the coarse ones, that others do not supersede."""
+    continued = {a.before for a in state.starts if a.solved and a.before and _same(a, a.before)}
+    return by_promise(state.at(Level.FULL) or [a for a in state.answers if a not in continued])
 
 
-def _superseded(state: SearchState, answer: MotionAnswer) -> bool:
-    finer = state.made_of(answer, "start")
-    if finer is None or not finer.solved:
-        return False
-    return finer.solution.duration <= (1.0 + SEARCH.same_optimum) * answer.solution.duration
+def _same(finer: MotionAnswer, coarser: MotionAnswer) -> bool:
+    """Return True if a finer mesh kept the optimum of a coarser one, or found a faster one."""
+    return finer.duration <= (1.0 + SEARCH.same_optimum) * coarser.duration
 
 
 def resumed(search: MotionSearch, answer: MotionAnswer) -> SearchState:
@@ -151,7 +166,8 @@ def resumed(search: MotionSearch, answer: MotionAnswer) -> SearchState:
         before=answer,
         solves=tuple(first.history),
         seconds=time.perf_counter() - begin,
-        strategy="full mesh",
+        step=FULL_MESH,
+        level=Level.FULL,
     )
     return SearchState((again,))
 
@@ -161,38 +177,39 @@ def _smoothed(search: MotionSearch, kernels: Transcription, weight: float) -> Tr
     return kernels.with_parameters({name: {JERK_WEIGHT: weight} for name in search.problem.names})
 
 
-def next_full_mesh(search: MotionSearch, state: SearchState) -> NextStep | None:
-    """Return the most promising coarse answer that may beat all refined ones.
-
-    Refinement gains the discretisation error of the coarse mesh. Other answers are assumed to gain
-    at most as much.
-    """
-    answers = promising(state)
-    done = state.of("splitting")
-    if not answers or len(done) >= SEARCH.most_refined or (done and search.over):
-        return None
-    best = min((rank(search, answer.solution) for answer in done), default=(True, np.inf))
-    gains = [_coarse_of(a).solution.duration / a.solution.duration for a in done if a.solved]
-    for answer in answers:
-        if state.made_of(answer, "full mesh") is None:
-            hoped = answer.solution.duration / max([1.0, *gains])
-            return None if best <= (False, hoped) else NextStep(answer)
-    return None
+def _refined(search: MotionSearch, answer: MotionAnswer) -> Iterator[MotionAnswer]:
+    """Yield an answer solved on a full mesh, if it is coarse, and with its intervals split."""
+    best = answer
+    if answer.level is Level.COARSE:
+        full = to_full_mesh(search, answer)
+        yield full
+        if full.solved and full.solution is not answer.solution:
+            best = full
+        elif _can_be_smoothed(search, answer):
+            smoothed = less_and_less_smoothing(search, answer)
+            yield smoothed
+            best = smoothed if smoothed.solved else answer
+        if best is answer and search.problem.timed_path is not None:
+            return  # between coarse mesh points it passes through bodies
+    yield split_where_exceeded(search, best)
 
 
-def _coarse_of(answer: MotionAnswer) -> MotionAnswer:
-    return next(a for a in answer.lineage if a.before is None or a.strategy in COARSE)
+def _finished(search: MotionSearch, answer: MotionAnswer) -> Iterator[MotionAnswer]:
+    if answer.solved:
+        yield last_digits(search, answer)
 
 
-def to_full_mesh(search: MotionSearch, step: NextStep) -> MotionAnswer:
+@timed_step
+def to_full_mesh(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
     """Solve on a full mesh, denser where the coarse accelerations change."""
-    subject = step.answer
     refiner, before = _going_on(subject), subject.solution
     jumps, mesh = accelerations_jump(search.problem.family), full_mesh(search)
     meshes = [graded(phase, mesh) if jumps else mesh for phase in before.phases]
+    more: dict[str, Any] = {}
     if jumps and is_costly(before, mesh):
         refiner, weight = _less_smoothed(search, refiner)
-        subject = replace(subject, refiner=replace(refiner, history=[]), smoothing=weight)
+        more = {"refiner": replace(refiner, history=[]), "smoothing": weight}
+    finer = partial(_finer, subject, FULL_MESH, Level.FULL, **more)
     is_guided = search.problem.timed_path is not None
     if is_guided:  # a small barrier parameter shortens steps near many distance constraints
         refiner = replace(refiner, settings=_from_barrier(refiner, SEARCH.timed_path_barrier))
@@ -201,20 +218,20 @@ def to_full_mesh(search: MotionSearch, step: NextStep) -> MotionAnswer:
         if refiner.fitted is not None and solution is not before:
             marks = partial(friction_marks, search)
             solution = refiner.sharpen(solution, marks, worth=SEARCH.least_gain)
-        return _finer(subject, solution, refiner)
+        return finer(solution, refiner)
     if len(before.phases) > SEARCH.many_phases:
         # Multipliers of a coarse mesh of many phases mislead the solver: start without them.
         guesses, barrier = search.problem.guesses(before), RefinerSettings.warm_barrier
         solution = refiner.solve(meshes, guesses, barrier=barrier)
         if solution.status.solved and solution.cost <= (1 + WORSE) * before.cost:
-            return _finer(subject, solution, refiner)
+            return finer(solution, refiner)
     # A warm start with multipliers needs a barrier parameter that matches the mesh error: from a
     # smaller one the iterates are too near to bounds that are active on the coarse mesh only.
     settings, once = _from_barrier(refiner, SEARCH.far_barrier), False
     if len(before.phases) <= SEARCH.many_phases and _within_limits(search, subject) is not None:
         settings, once = _at_most(settings, SEARCH.usual_iterations), True
     farther = replace(refiner, settings=settings, once=once)
-    return _finer(subject, farther.finer(before, meshes), refiner)
+    return finer(farther.finer(before, meshes), refiner)
 
 
 def _from_barrier(refiner: Refiner, barrier: float) -> SolverSettings:
@@ -233,25 +250,19 @@ def _going_on(subject: MotionAnswer) -> Refiner:
     return replace(subject.refiner, history=[*last])
 
 
-def _finer(subject: MotionAnswer, solution: Solution, by: Refiner, **other: Any) -> MotionAnswer:
-    """Return the continued answer; ``other`` fields replace those of the subject."""
+def _finer(
+    subject: MotionAnswer, step: str, level: Level, solution: Solution, by: Refiner, **other: Any
+) -> MotionAnswer:
+    """Return the answer of a step; ``other`` fields replace those of the subject."""
     fields = {"refiner": replace(subject.refiner, history=[]), "solves": tuple(by.history[1:])}
-    return replace(subject, solution=solution, relaxed=None, **(fields | other))
+    fields |= {"before": subject, "step": step, "level": level, "relaxed": None}
+    return replace(subject, solution=solution, **(fields | other))
 
 
-def next_smoother(search: MotionSearch, state: SearchState) -> NextStep | None:
-    """Return a coarse answer whose full mesh failed, if a motion within limits is known."""
-    if search.over or not accelerations_jump(search.problem.family):
-        return None
-    for answer in state.of("full mesh"):
-        coarser = answer.before
-        assert coarser is not None
-        refused = answer.solution is coarser.solution or not answer.solved
-        tried = state.made_of(coarser, "less and less smoothing") is not None
-        worth = refused and coarser.solved and not tried
-        if worth and _within_limits(search, coarser) is not None:
-            return NextStep(coarser)
-    return None
+def _can_be_smoothed(search: MotionSearch, coarse: MotionAnswer) -> bool:
+    """Return True if a motion within limits is known for a coarse one with jumps."""
+    jumps = accelerations_jump(search.problem.family)
+    return jumps and coarse.solved and _within_limits(search, coarse) is not None
 
 
 def _within_limits(search: MotionSearch, answer: MotionAnswer) -> Any:
@@ -260,14 +271,14 @@ def _within_limits(search: MotionSearch, answer: MotionAnswer) -> Any:
     return slowed or getattr(search.problem.fallback, "motion", None)
 
 
-def less_and_less_smoothing(search: MotionSearch, step: NextStep) -> MotionAnswer:
+@timed_step
+def less_and_less_smoothing(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
     """Solve on the full mesh from a motion within the limits, with decreasing smoothing.
 
     Homotopy in the weight of the squared jerk. For light or fast arms torques change between coarse
     mesh points by more than the mesh resolves: a coarse optimum is spurious, and a fine mesh does
     not converge from it.
     """
-    subject = step.answer
     refiner = _going_on(subject)
     limited = _at_most(refiner.settings, SEARCH.smoothing_iterations)
     meshes = [full_mesh(search)] * len(search.problem.names)
@@ -286,28 +297,14 @@ def less_and_less_smoothing(search: MotionSearch, step: NextStep) -> MotionAnswe
         start, last, barrier = solution, solution, None
         if times == SEARCH.smoothing_factors[-1] or worth < SEARCH.same_optimum:
             finer = replace(finer, history=[])
-            return _finer(subject, solution, refiner, refiner=finer, smoothing=weight)
+            given = {"refiner": finer, "smoothing": weight}
+            return _finer(subject, SMOOTHED, Level.FULL, solution, refiner, **given)
         if search.over:
             break
     failed = solution if last is None else replace(last, status=Status.FAILED)
     if last is not None:
         search.problem.slowed(failed)  # stored: the result falls back to this motion
-    return _finer(subject, failed, refiner)
-
-
-def next_less_smoothing(search: MotionSearch, state: SearchState) -> NextStep | None:
-    """Return an answer on a full mesh whose smoothing costs too much."""
-    if search.over or not accelerations_jump(search.problem.family):
-        return None
-    for answer in state.of("full mesh"):
-        assert answer.before is not None
-        is_usual = answer.smoothing > SEARCH.reduced_smoothing * SMOOTHING
-        costly = is_costly(answer.solution)
-        is_full = answer.solved and answer.solution is not answer.before.solution
-        untried = state.made_of(answer, "less smoothing") is None
-        if is_full and is_usual and costly and untried:
-            return NextStep(answer)
-    return None
+    return _finer(subject, SMOOTHED, Level.FULL, failed, refiner)
 
 
 def is_costly(solution: Solution, intervals: int = 0) -> bool:
@@ -331,43 +328,9 @@ def _less_smoothed(search: MotionSearch, refiner: Refiner) -> tuple[Refiner, flo
     return replace(refiner, transcription=kernels, settings=usual), weight
 
 
-def less_smoothing(search: MotionSearch, step: NextStep) -> MotionAnswer:
-    """Solve with less smoothing on the same mesh; later solves keep the weight."""
-    subject = step.answer
-    refiner = _going_on(subject)
-    finer, weight = _less_smoothed(search, refiner)
-    usual = finer.settings
-    options = {"ipopt": {"mu_init": SEARCH.reduced_smoothing_barrier}}
-    settings = replace(usual, options=options, max_iterations=SEARCH.usual_iterations)
-    meshes = [phase.mesh for phase in subject.solution.phases]
-    solution = replace(finer, settings=settings).solve(meshes, subject.solution)
-    search.progress(f"smoothed less: {solution.duration:.6f} s, {solution.status}")
-    if solution.status.solved and solution.duration >= subject.solution.duration:
-        solution = replace(solution, status=Status.NOT_ACCEPTED)
-    finer = replace(finer, history=[])
-    return _finer(subject, solution, refiner, refiner=finer, smoothing=weight)
-
-
-def next_splitting(search: MotionSearch, state: SearchState) -> NextStep | None:
-    """Return an answer on a full mesh that was not split, or its coarse one if no full one is."""
-    for coarser in (*state.of("full mesh"), *state.of("less and less smoothing")):
-        before = coarser.before
-        assert before is not None
-        refined = [m for s in ON_FULL_MESH if (m := state.made_of(before, s)) and m.solved]
-        chosen = next((m for m in reversed(refined) if m.solution is not before.solution), before)
-        smoothed_less = state.made_of(chosen, "less smoothing")
-        if smoothed_less is not None and smoothed_less.solved:
-            chosen = smoothed_less
-        if chosen is before and search.problem.timed_path is not None:
-            continue  # between coarse mesh points it passes through bodies
-        if state.made_of(chosen, "splitting") is None:
-            return NextStep(chosen)
-    return None
-
-
-def split_where_exceeded(search: MotionSearch, step: NextStep) -> MotionAnswer:
+@timed_step
+def split_where_exceeded(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
     """Split intervals at switches, and until limits hold between mesh points."""
-    subject = step.answer
     refiner, best = _going_on(subject), subject.solution
     marks: Any = {
         "switching": partial(switch_marks, search.problem.family),
@@ -385,31 +348,29 @@ def split_where_exceeded(search: MotionSearch, step: NextStep) -> MotionAnswer:
     if search.problem.timed_path is not None:  # a failed solve is repeated from a larger barrier
         farther = _from_barrier(refiner, SEARCH.timed_path_barrier)
         refiner = replace(refiner, settings=farther)
-    return _finer(subject, refiner.refine(best, **marks), refiner)
+    best = refiner.refine(best, **marks)
+    return _finer(subject, SPLIT, Level.SPLIT, best, refiner, **_kept(search, best))
 
 
-def next_last_digits(search: MotionSearch, state: SearchState) -> NextStep | None:
-    """Return the best of the refined answers."""
-    if state.of("last digits") or not state.of("splitting"):
-        return None
-    best = best_of(search, state)
-    return NextStep(best) if best.solved and not search.over else None
+def _kept(search: MotionSearch, solution: Solution) -> dict[str, bool]:
+    return {"keeps_limits": not rank(search, solution)[0]}
 
 
-def last_digits(search: MotionSearch, step: NextStep) -> MotionAnswer:
+@timed_step
+def last_digits(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
     """Solve to the full tolerance.
 
     A rough solve from a timed path ends with a positive barrier parameter, so that limits keep a
     distance. A few iterations from its multipliers reduce the cost of this distance to almost zero.
     """
-    subject, solution = step.answer, step.answer.solution
-    refiner = _going_on(subject)
+    refiner, solution = _going_on(subject), subject.solution
     loose = not solution.gap.total <= SEARCH.largest_slowdown * abs(solution.cost)
     if search.problem.timed_path is None:
         solution = refiner.finished(solution)
     elif loose and search.worst(solution) <= search.settings.limit_tolerance:
         solution = refiner.polished(solution, refiner.rounds)
-    return _finer(subject, solution, refiner)
+    given = _kept(search, solution)
+    return _finer(subject, LAST_DIGITS, Level.FINISHED, solution, refiner, **given)
 
 
 # mesh density ------------------------------------------------------------------------------------
@@ -479,28 +440,3 @@ def graded(phase: PhaseSolution, count: int) -> FloatArray:
     mesh = np.interp(np.linspace(0.0, reached[-1], count + 1), reached, phase.mesh)
     mesh[[0, -1]] = 0.0, 1.0
     return mesh
-
-
-STRATEGIES = (
-    *FROM_GUESSES,
-    MotionStrategy(
-        "less and less smoothing",
-        next_smoother,
-        less_and_less_smoothing,
-        "light arms: torques change between coarse mesh points by more than the mesh resolves",
-    ),
-    MotionStrategy(
-        "less smoothing",
-        next_less_smoothing,
-        less_smoothing,
-        "light arms, whose jerk is large without smoothing",
-    ),
-    MotionStrategy(
-        "splitting", next_splitting, split_where_exceeded, "limits hold at mesh points only"
-    ),
-    *FROM_PATHS,
-    MotionStrategy("full mesh", next_full_mesh, to_full_mesh, "a coarse mesh costs some per cent"),
-    MotionStrategy(
-        "last digits", next_last_digits, last_digits, "a gap to the optimum that is known"
-    ),
-)
