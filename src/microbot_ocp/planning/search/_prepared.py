@@ -28,7 +28,7 @@ from microbot_ocp.limits import (
 )
 from microbot_ocp.motion import DurationLine, Motion, State
 from microbot_ocp.ocp import ParametricSolver, Solution, SolverSettings
-from microbot_ocp.ocp.refinement import WORSE, Refiner, split
+from microbot_ocp.ocp.refinement import WORSE, split
 from microbot_ocp.ocp.solution import quiet
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.planning.free import (
@@ -47,20 +47,20 @@ from microbot_ocp.planning.free import (
 )
 from microbot_ocp.planning.search._chatter import chatter
 from microbot_ocp.planning.search._problem import MotionProblem
+from microbot_ocp.planning.search._queue import Level
 from microbot_ocp.planning.search._refinement import (
+    best_of,
     graded,
-    is_costly,
+    refine,
     search_of,
     switch_marks,
-    wanted_gap,
 )
 from microbot_ocp.planning.search._result import fastest
-from microbot_ocp.planning.search._search import from_plain, is_enough, plain_of
+from microbot_ocp.planning.search._search import MotionAnswer, SearchState, from_plain, plain_of
 from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings
 from microbot_ocp.planning.task import (
     COARSE_SMOOTHING,
     LDL,
-    ROUGH_TOLERANCE,
     SMOOTHING as FRICTION_SMOOTHING,
     TIME_LIMIT,
     EndConditions,
@@ -338,7 +338,9 @@ class TimeOptimalSolver:
                     f"via_q must have {len(self.via_q)} points, as the solver was made with, "
                     f"not {len(via)}"
                 )
-            problem = MotionProblem.through(family, via, self._settings, given=self._kernels)
+            tolerance = moving.tolerance if moving else TimeOptimalSettings.limit_tolerance
+            settings = replace(self._settings, limit_tolerance=tolerance)
+            problem = MotionProblem.through(family, via, settings, given=self._kernels)
             prepared = None
             if via_q is None and moving is None:
                 prepared = self._own or self._under_own_limits()
@@ -387,21 +389,12 @@ class TimeOptimalSolver:
     ) -> tuple[list[tuple[str, Solution]], str, Solution]:
         """Return the solves on the first mesh, the name of the best start, and its refinement."""
         kernels = self._numbered(problem, payload, smoothing, moving)
-        allowed = TimeOptimalSettings.limit_tolerance if moving is None else moving.tolerance
-        refiner = Refiner(
-            kernels,
-            problem.guesses,
-            problem.excess,
-            allowed,
-            tolerance=self._solver_settings.tolerance,
-            rounds=self._rounds,
-            settings=replace(self._solver_settings, gap=wanted_gap(problem)),
-            rough=ROUGH_TOLERANCE,
-            polishing=SEARCH.usual_iterations,
-            foresight=SEARCH.foresight,
-            enough=partial(is_enough, problem),
-        )
-        marks = partial(switch_marks, problem.family)
+        how = search_of(replace(problem, given=kernels), quiet)
+        exact = min(1.0, self._solver_settings.tolerance / PREPARED.tolerance)
+        gap = exact * how.refiner.settings.gap
+        settings = replace(self._solver_settings, gap=gap)
+        refiner = replace(how.refiner, rounds=self._rounds, settings=settings)
+        how = replace(how, refiner=refiner)
 
         def solve(first: Solution | Mapping[str, Guess]) -> Solution:
             known = isinstance(first, Solution)
@@ -409,18 +402,11 @@ class TimeOptimalSolver:
             return refiner.solve(meshes, first)
 
         tried, name, best = _tried(self._starts(problem, near, moving is not None), solve, search)
-        if name != "prepared" and best.status.solved:
-            mesh, jumps = self._settings.mesh or SEARCH.full_mesh, not problem.family.jerk_matters
-            meshes = [graded(phase, mesh) if jumps else mesh for phase in best.phases]
-            if jumps and is_costly(best, mesh):
-                weight = SEARCH.reduced_smoothing * smoothing
-                less = {name: {JERK_WEIGHT: weight} for name in self._phases}
-                refiner = replace(refiner, transcription=kernels.with_parameters(less))
-            best = refiner.finer(best, meshes)
-        # Under limits of rates the last refinement of a mesh gains almost nothing.
-        refiner = replace(refiner, once=problem.family.jerk_matters)
-        best = refiner.refine(best, marks, worth=SEARCH.least_gain)
-        return tried, name, refiner.finished(best)
+        level = Level.FULL if name == "prepared" else Level.COARSE
+        again, solves = replace(refiner, history=[]), tuple(refiner.history)
+        given = {"solves": solves, "way": problem.ways[0], "level": level}
+        answer = MotionAnswer(name, best, again, smoothing, **given)
+        return tried, name, best_of(how, refine(how, SearchState((answer,)))).solution
 
     def _numbered(
         self, problem: MotionProblem, payload: float, smoothing: float, moving: _Start | None
@@ -454,9 +440,8 @@ class TimeOptimalSolver:
         changes = self._changes(problem, payload, smoothing, moving)
         solve = partial(_solved_near, solver, changes=changes)
         tried, name, best = _tried(self._starts(problem, near, moving is not None), solve, search)
-        allowed = TimeOptimalSettings.limit_tolerance if moving is None else moving.tolerance
         kernels = prepared.kernels if prepared else self._kernels
-        return tried, name, self._refined(problem, best, changes, kernels, allowed)
+        return tried, name, self._refined(problem, best, changes, kernels)
 
     def along(
         self,
@@ -605,7 +590,6 @@ class TimeOptimalSolver:
         solution: Solution,
         changes: dict[str, Any],
         kernels: Transcription,
-        allowed: float,
     ) -> Solution:
         """Split intervals with an exceeded limit or a worthwhile switch; keep the best answer.
 
@@ -616,7 +600,7 @@ class TimeOptimalSolver:
         fine = 0 if problem.family.jerk_matters else 2 * (self._settings.mesh or SEARCH.full_mesh)
         for _ in range(self._rounds if solution.status.solved else 0):
             excess = problem.excess(solution)
-            bad = [e > allowed for e in excess]
+            bad = [e > problem.settings.limit_tolerance for e in excess]
             if gained > SEARCH.least_gain * solution.duration:
                 switches = switch_marks(problem.family, solution)
                 turns = (reversals(phase["qd"], dry) for phase in solution.phases)
@@ -732,7 +716,7 @@ def _slowed_down(
     None.
     """
     family, excess = problem.family, problem.excess(solution)
-    tolerance = moving.tolerance if moving else TimeOptimalSettings.limit_tolerance
+    tolerance = problem.settings.limit_tolerance
     outcome = verdict(family, solution, excess, tolerance)
     if outcome.status is Status.LIMITS_EXCEEDED:
         under_way = moving is not None and bool(moving.state.qd.any())

@@ -7,7 +7,7 @@ split until limits hold between mesh points.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -21,7 +21,7 @@ from microbot_ocp.limits import LimitFamily
 from microbot_ocp.ocp import PhaseSolution, Solution, SolverSettings
 from microbot_ocp.ocp.refinement import WORSE, Refiner, RefinerSettings
 from microbot_ocp.ocp.solution import StepProgress
-from microbot_ocp.ocp.transcription import Transcription
+from microbot_ocp.ocp.transcription import Transcription, mesh_of
 from microbot_ocp.planning.free import (
     JERK_WEIGHT,
     SMOOTHING,
@@ -106,6 +106,7 @@ RATED_GAP = 1e-4  # relative gap wanted under limits of jerks and torque rates
 SHORTEST = 0.05  # share of a phase's longest interval: shorter ones are not split at switches
 # Name of each step in the ledger
 FULL_MESH = "full mesh"
+SMOOTHED_LESS = "less smoothing"
 SMOOTHED = "less and less smoothing"
 SPLIT = "splitting"
 LAST_DIGITS = "last digits"
@@ -185,6 +186,10 @@ def _refined(search: MotionSearch, answer: MotionAnswer) -> Iterator[MotionAnswe
         yield full
         if full.solved and full.solution is not answer.solution:
             best = full
+            if _smooths_too_much(search, full):
+                smoothed = less_smoothing(search, full)
+                yield smoothed
+                best = smoothed if smoothed.solved else full
         elif _can_be_smoothed(search, answer):
             smoothed = less_and_less_smoothing(search, answer)
             yield smoothed
@@ -206,7 +211,7 @@ def to_full_mesh(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
     jumps, mesh = accelerations_jump(search.problem.family), full_mesh(search)
     meshes = [graded(phase, mesh) if jumps else mesh for phase in before.phases]
     more: dict[str, Any] = {}
-    if jumps and is_costly(before, mesh):
+    if _smooths_too_much(search, subject, meshes):
         refiner, weight = _less_smoothed(search, refiner)
         more = {"refiner": replace(refiner, history=[]), "smoothing": weight}
     finer = partial(_finer, subject, FULL_MESH, Level.FULL, **more)
@@ -307,15 +312,28 @@ def less_and_less_smoothing(search: MotionSearch, subject: MotionAnswer) -> Moti
     return _finer(subject, SMOOTHED, Level.FULL, failed, refiner)
 
 
-def is_costly(solution: Solution, intervals: int = 0) -> bool:
-    """Return True if smoothing costs too much of the duration on a mesh of so many intervals.
+def _smooths_too_much(search: MotionSearch, answer: MotionAnswer, *meshes: Any) -> bool:
+    """Return True if accelerations jump and the usual smoothing costs too much."""
+    is_usual = answer.smoothing > SEARCH.reduced_smoothing * SMOOTHING
+    jumps = accelerations_jump(search.problem.family)
+    return is_usual and jumps and _is_costly(answer.solution, *meshes)
 
-    A jump of the acceleration takes one interval: its squared jerk, integrated, is inversely
-    proportional to the length. Zero means the solution's own mesh.
+
+def _is_costly(solution: Solution, meshes: Sequence[int | FloatArray] = ()) -> bool:
+    """Return True if smoothing costs too much of the duration, on its own or on finer meshes.
+
+    A jump of the acceleration by D takes one interval of length h, so its squared jerk, integrated,
+    is D^2 / h. Where torques change between coarse mesh points the cost on a finer mesh is larger.
     """
-    growth = max(1.0, *(intervals / (phase.mesh.size - 1) for phase in solution.phases))
-    share = SEARCH.smoothing_cost_limit * solution.duration
-    return growth * (solution.cost - solution.duration) > share
+    coarse = fine = 0.0
+    own = [phase.mesh for phase in solution.phases]
+    for phase, given in zip(solution.phases, meshes or own, strict=True):
+        mesh = mesh_of(given)
+        cost = (np.diff(phase["qdd"], axis=0) ** 2).sum(axis=1) / np.diff(phase.mesh)
+        inside = np.diff(np.searchsorted(mesh, phase.mesh))  # finer intervals in each interval
+        coarse, fine = coarse + cost.sum(), fine + (np.maximum(inside, 1) * cost).sum()
+    share = (solution.cost - solution.duration) / solution.duration
+    return share * fine > SEARCH.smoothing_cost_limit * coarse
 
 
 def _less_smoothed(search: MotionSearch, refiner: Refiner) -> tuple[Refiner, float]:
@@ -326,6 +344,20 @@ def _less_smoothed(search: MotionSearch, refiner: Refiner) -> tuple[Refiner, flo
     usual = replace(refiner.settings, options={})
     kernels = _smoothed(search, refiner.transcription, weight)
     return replace(refiner, transcription=kernels, settings=usual), weight
+
+
+@timed_step
+def less_smoothing(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
+    """Solve with less smoothing on the same mesh; later solves keep the weight."""
+    refiner, meshes = _going_on(subject), [phase.mesh for phase in subject.solution.phases]
+    finer, weight = _less_smoothed(search, refiner)
+    settings = _at_most(_from_barrier(finer, SEARCH.reduced_barrier), SEARCH.usual_iterations)
+    solution = replace(finer, settings=settings).solve(meshes, subject.solution)
+    search.progress(f"smoothed less: {solution.duration:.6f} s, {solution.status}")
+    if solution.status.solved and solution.duration >= subject.duration:
+        solution = replace(solution, status=Status.NOT_ACCEPTED)
+    given = {"refiner": replace(finer, history=[]), "smoothing": weight}
+    return _finer(subject, SMOOTHED_LESS, Level.FULL, solution, refiner, **given)
 
 
 @timed_step

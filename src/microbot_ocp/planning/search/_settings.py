@@ -49,6 +49,7 @@ class SearchSettings:
     smoothing_factors : factors on the usual jerk weight, applied one after another
     smoothing_cost_limit : relative cost of jerk smoothing from which the weight is reduced
     reduced_smoothing : factor on the jerk weight of the reduced smoothing
+    reduced_barrier : barrier parameter of the solve with reduced smoothing
     smoothing_iterations : iteration limit of each solve with increased smoothing
     smoothing_barrier : barrier parameter of the first solve with increased smoothing
     largest_slack : largest slack for least effort, relative to the shortest duration
@@ -87,6 +88,7 @@ class SearchSettings:
     smoothing_factors: tuple[float, ...] = (1e6, 1e5, 1e4, 1e3, 1e2, 10.0, 1.0)
     smoothing_cost_limit: float = 2e-4
     reduced_smoothing: float = 1e-2
+    reduced_barrier: float = 1e-6
     smoothing_iterations: int = 200
     smoothing_barrier: float = 1e-2
     largest_slack: float = 20.0
