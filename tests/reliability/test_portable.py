@@ -54,6 +54,7 @@ if __name__ == "__main__":
 """
 INTERRUPTED = """
 import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a background shell ignores it
 import microbot_ocp as mo
 def stop(step):
     signal.raise_signal(signal.SIGINT)
