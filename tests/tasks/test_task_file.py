@@ -149,7 +149,6 @@ def test_a_robot_file_is_sought_beside_the_task(tmp_path):
         (TASK + "[limits]\nq_min = 1\nq_max = -1", ["limits.q_min", "at most"]),
         (TASK + "[settings]\nmesh = 2", ["settings.mesh", "at least 4", "2"]),
         (TASK + "[settings]\nmesh = 40.5", ["settings.mesh", "whole", "40.5"]),
-        (TASK + '[settings]\nsolver = "snopt"', ["settings.solver", "ipopt", "snopt"]),
         (TASK + "[settings]\ncompiled = 1", ["settings.compiled", "true or false", "1"]),
         (TASK + "[settings]\nblend = 0.7", ["settings.blend", "at most 0.5", "0.7"]),
         (TASK + "[settings]\ngrid = 1", ["settings.grid", "at least 10", "1"]),

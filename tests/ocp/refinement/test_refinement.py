@@ -94,11 +94,11 @@ def test_a_worse_or_failed_finer_result_is_not_accepted(pretend, before, after, 
     assert all(guesses == {"from": before.cost} for _, guesses, _ in calls)
 
 
-def test_a_failure_of_another_solver_is_given_to_ipopt(pretend):
+def test_a_failed_solve_is_repeated_with_the_usual_barrier_parameter(pretend):
     bad, good = solution(2.0, Status.FAILED), solution(1.9)
-    refiner, calls = pretend([bad, good], solver="fatrop")
+    refiner, calls = pretend([bad, good])
     assert refiner.finer(solution(2.0), [8]) is good
-    assert [settings.solver for _, _, settings in calls] == ["fatrop", "ipopt"]
+    assert [settings.initial_barrier for _, _, settings in calls] == [1e-4, None]
     assert [entry["accepted"] for entry in refiner.history] == [False, True]
 
 

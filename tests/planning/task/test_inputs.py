@@ -117,7 +117,6 @@ def test_limits_of_another_width_are_refused(no_solver):
         ({"starts": 0}, "starts must be at least 1, not 0"),
         ({"starts": 2.5}, "starts must be a whole number, not 2.5"),
         ({"limit_tolerance": 0.0}, "limit_tolerance must be above 0, not 0.0"),
-        ({"solver": "snopt"}, "solver must be one of auto, fatrop, ipopt, not 'snopt'"),
         ({"seed": -1}, "seed must be at least 0, not -1"),
     ],
 )

@@ -74,8 +74,6 @@ class Refiner:
         phase.
     limit_tolerance : float
         Accepted excess.
-    solver : str or tuple of str
-        Solver for fine meshes; IPOPT repeats its failed solves.
     tolerance : float
     rounds : int
         Largest number of local refinements.
@@ -103,7 +101,6 @@ class Refiner:
     guess_from: GuessFrom
     excess: Excess
     limit_tolerance: float
-    solver: str | tuple[str, ...] = "ipopt"
     tolerance: float = 1e-8
     rounds: int = 10
     progress: StepProgress = quiet
@@ -122,14 +119,13 @@ class Refiner:
         guesses: Mapping[str, Guess] | Solution,
         *,
         tolerance: float | None = None,
-        solver: str | tuple[str, ...] | None = None,
         barrier: float | None = None,
     ) -> Solution:
         """Return one solve, recorded in the history."""
         tolerance = tolerance or self.rough
         settings = replace(
             self.settings,
-            solver=solver or self.solver,
+            solver="ipopt",
             tolerance=tolerance or self.tolerance,
             initial_barrier=barrier,
             gap=self.settings.gap if tolerance is None else np.inf,  # rough solves accept any gap
@@ -191,18 +187,17 @@ class Refiner:
         if deadline.over():
             return before
         guesses = self.guess_from(before)
-        warm = self.solver == "ipopt" and before.status.solved
-        starts: list[tuple[Any, float | None, Mapping[str, Guess] | Solution]]
-        if warm and before.variable_multipliers is not None:
+        starts: list[tuple[float | None, Mapping[str, Guess] | Solution]]
+        if before.status.solved and before.variable_multipliers is not None:
             # Multipliers save a third of the iterations of this start.
-            starts = [("ipopt", None, before)]
+            starts = [(None, before)]
         else:
-            starts = [(self.solver, SETTINGS.warm_barrier, guesses)]
+            starts = [(SETTINGS.warm_barrier, guesses)]
         if not self.once:
-            starts.append(("ipopt", None, guesses))
+            starts.append((None, guesses))
         after, dearer, gain = before, None, self._cost_of_excess(before)
-        for name, barrier, start in starts:
-            after = self.solve(meshes, start, solver=name, barrier=barrier)
+        for barrier, start in starts:
+            after = self.solve(meshes, start, barrier=barrier)
             accepted = self.history[-1]["accepted"] = self._accepts(before, after)
             sizes = " + ".join(str(phase.mesh.size - 1) for phase in after.phases)
             note = "" if accepted else ", not accepted"

@@ -49,13 +49,11 @@ from microbot_ocp.robot import Robot
 
 @dataclass(frozen=True, eq=False)
 class TrialStart:
-    """Initial guess of a solve on a coarse mesh, with its solver.
+    """Initial guess of a solve on a coarse mesh.
 
     Attributes
     ----------
     guess : InitialGuess
-    solver : str or tuple of str
-        Solver, or solvers tried one after another.
     way : Way
         Way with the poses of the guess at the stops.
     settings : mapping
@@ -63,7 +61,6 @@ class TrialStart:
     """
 
     guess: InitialGuess
-    solver: str | tuple[str, ...]
     way: Way
     settings: Mapping[str, Any] = field(default_factory=dict)
 
@@ -180,7 +177,7 @@ class MotionProblem:
             conditions = Conditions(held, given.ends, given.closed)
         base: Robot = with_locked_joints_held(self.family).robot
         via = np.ascontiguousarray(self.via)
-        if not stated and self.settings.solver != "fatrop":
+        if not stated:
             flat = flat_form(base, via.tobytes(), len(via), conditions=conditions)
             if flat is not None:
                 return flat

@@ -70,7 +70,6 @@ def search_of(problem: MotionProblem, progress: StepProgress) -> MotionSearch:
         problem.guesses,
         problem.excess,
         settings.limit_tolerance,
-        solver="ipopt" if settings.solver == "auto" else settings.solver,
         progress=with_motion(progress, problem.family.robot, problem.via),
         settings=SolverSettings(gap=wanted_gap(problem), options=LDL),
         rough=ROUGH_TOLERANCE,

@@ -131,8 +131,6 @@ class TimeOptimalSettings:
         is exact up to the integrator, with accelerations that jump. The provenance holds the
         switching times, or the reason why the arcs were not found and the motion of the mesh is
         returned.
-    solver : str
-        "auto" (fatrop explores, IPOPT finishes), "fatrop" or "ipopt" for everything.
     compiled : bool
         Compile the kernels to C if there is a compiler.
     seed : int
@@ -148,7 +146,6 @@ class TimeOptimalSettings:
     slack: float = 0.0
     limit_tolerance: float = 5e-4
     switching_times: bool = False
-    solver: str = "auto"
     compiled: bool = True
     seed: int = 0
     time_limit: float | None = None
@@ -165,7 +162,6 @@ class TimeOptimalSettings:
         checks.number("limit_tolerance", self.limit_tolerance, above=0.0)
         if self.switching_times and self.slack:
             raise InputError("switching_times are those of the fastest motion: slack must be 0")
-        checks.one_of("solver", self.solver, ("auto", "fatrop", "ipopt"))
 
     def within(self, usual: float) -> AbstractContextManager[None]:
         """Return a context that ends at the time limit, s; ``usual`` is the default limit."""

@@ -39,7 +39,7 @@ from microbot_ocp.planning.search._search import (
     timed_step,
 )
 from microbot_ocp.planning.search._settings import SEARCH
-from microbot_ocp.planning.task import LDL, Task, TaskScale, rounded
+from microbot_ocp.planning.task import Task, TaskScale, rounded
 from microbot_ocp.trajectories import cubic, spline
 
 
@@ -142,8 +142,7 @@ def from_guess(search: MotionSearch, start: TrialStart, intervals: int) -> Motio
     """Solve from an initial guess."""
     refiner, name = coarse(search), start.guess.name
     refiner = replace(refiner, settings=replace(refiner.settings, **start.settings))
-    tolerance, solver = SEARCH.explore_tolerance, start.solver
-    solution = refiner.solve(intervals, start.guess.guesses, tolerance=tolerance, solver=solver)
+    solution = refiner.solve(intervals, start.guess.guesses, tolerance=SEARCH.explore_tolerance)
     _report(search, name, solution, f" on {intervals} intervals a phase")
     return _answer(search, name, solution, refiner, way=start.way)
 
@@ -238,21 +237,13 @@ def from_timed_path(search: MotionSearch) -> MotionAnswer:
 def _next_drawn(problem: MotionProblem, state: SearchState) -> TrialStart | None:
     """Return the first guess that was not tried."""
     tried = [answer for answer in state.starts if answer.before is None]
-    settings, index = problem.settings, len(tried)
-    guess = problem.drawn(index)
+    guess = problem.drawn(len(tried))
     if guess is None:
         return None
-    both: str | tuple[str, ...] = ("fatrop", "ipopt")
-    if index >= settings.starts:  # the two solvers converge from different guesses
-        both = "ipopt" if index % 3 == 2 else "fatrop"
-    both = "ipopt" if problem.is_flat else both
-    solver = both if settings.solver == "auto" else settings.solver
-    solved = [answer for answer in tried if answer.solved]
-    if not solved:
-        return TrialStart(guess, solver, problem.ways[0])
-    solver = solver if isinstance(solver, str) else solver[0]
-    most = SEARCH.most_iterations  # another guess is cheaper than a slow solve
-    return TrialStart(guess, solver, problem.ways[0], {"max_iterations": most})
+    # Once a motion is known, another guess is cheaper than a slow solve.
+    is_known = any(answer.solved for answer in tried)
+    limit = {"max_iterations": SEARCH.most_iterations} if is_known else {}
+    return TrialStart(guess, problem.ways[0], limit)
 
 
 def _next_through_ways(problem: MotionProblem, state: SearchState) -> TrialStart | None:
@@ -261,15 +252,8 @@ def _next_through_ways(problem: MotionProblem, state: SearchState) -> TrialStart
     if pair is None:
         return None
     way, guess = pair
-    fatrop = {"max_iter": SEARCH.usual_iterations}
-    both = "ipopt" if problem.is_flat else ("fatrop", "ipopt")
-    return TrialStart(
-        replace(guess, guesses=problem.with_closed(guess.guesses)),
-        both if problem.settings.solver == "auto" else problem.settings.solver,
-        way,
-        # IPOPT takes over when fatrop reaches its own, lower limit
-        {"max_iterations": SEARCH.most_iterations, "options": {**LDL, "fatrop": fatrop}},
-    )
+    guess = replace(guess, guesses=problem.with_closed(guess.guesses))
+    return TrialStart(guess, way, {"max_iterations": SEARCH.most_iterations})
 
 
 def _guesses(problem: MotionProblem, state: SearchState) -> Iterator[tuple[Way, InitialGuess]]:
