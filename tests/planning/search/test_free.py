@@ -185,20 +185,6 @@ def test_the_same_seed_is_the_same_motion():
     np.testing.assert_array_equal(one.q, other.q)
 
 
-@pytest.mark.thorough
-def test_starts_beside_the_refinement_lead_to_the_same_motion(microbot, monkeypatch):
-    made = []
-    for spare in (True, False):
-        monkeypatch.setattr(_search, "spare_processor", lambda spare=spare: spare)
-        made.append(time_optimal(microbot, VIA_Q, mesh=20, starts=3))
-    beside, alone = made
-    assert beside.duration == alone.duration
-    np.testing.assert_array_equal(beside.q, alone.q)
-    assert beside.provenance["starts"] == alone.provenance["starts"]
-    intervals = [[solve["intervals"] for solve in m.provenance["solves"]] for m in made]
-    assert intervals[0] == intervals[1]
-
-
 @pytest.mark.parametrize(
     ("led_to", "enough"),
     [

@@ -27,10 +27,11 @@ class Level(IntEnum):
     FINISHED = 5  # solved to the wanted gap, and proved to keep clear of obstacles
 
 
-# Largest relative gain of the duration by later levels, before the search has seen a larger one.
-# Coarse and finished durations of one task differ by a common share: 0.9 to 1.3 % for six orders of
-# a Puma among obstacles, 0.2 to 0.5 % for six of a Microbot.
+# Relative gain of the duration that later levels are expected to reach at most. Coarse and finished
+# durations of one task differ by similar shares: 0.9 to 1.3 % for six orders of a Puma among
+# obstacles, 0.2 to 0.5 % for six of a Microbot.
 GAIN = {Level.COARSE: 0.01, Level.FULL: 1e-3, Level.SPLIT: 1e-4}
+SPREAD = 1.5  # expected gain of other candidates, relative to one that was seen
 
 
 class Candidate(Protocol):
@@ -93,6 +94,6 @@ def best_first(
         for candidate in raised(least, best()[1]):
             if candidate.keeps_limits and least.level in gain:
                 seen = 1.0 - candidate.duration / least.duration
-                gain[least.level] = max(gain[least.level], seen)
+                gain[least.level] = max(gain[least.level], SPREAD * seen)
             (finished if candidate.level is Level.FINISHED else waiting).append(candidate)
     return finished
