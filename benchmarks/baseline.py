@@ -3,7 +3,7 @@
     python -m benchmarks baseline --out FILE [--only GROUP ...] [--count N] [--jobs 2]
     python -m benchmarks baseline --out FILE --against EARLIER
     python -m benchmarks baseline --out FILE --without "by fatrop" --against EARLIER
-    python -m benchmarks baseline --out FILE --without far_barrier=0.1 --against EARLIER
+    python -m benchmarks baseline --out FILE --without planning.search._refinement.FAR_BARRIER=0.1
     python -m benchmarks baseline --ledger FILE [--markdown]
 
 Groups: the demo's methods, the suite of published problems by ``solve`` without and with an
@@ -15,7 +15,7 @@ exits with 1 if an answer got worse by more than 1e-4, a certificate was lost, o
 of a group grew by more than a tenth. ``--ledger`` prints for each strategy its runs, the answers
 that came from it, its time, and the cases that needed it if they are few; ``--markdown`` prints
 this table for the documentation. ``--without`` removes a strategy from the tables, or sets a number
-in the settings of the search; only cases that ran the strategy in EARLIER are solved (all of them
+of a module; only cases that ran the strategy in EARLIER are solved (all of them
 for a number).
 """
 
@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import importlib
 import json
 import subprocess
 import sys
@@ -41,7 +42,6 @@ from benchmarks.measure import limit_processor_time
 from benchmarks.suite.table import PROBLEMS
 from microbot_ocp import ocp
 from microbot_ocp._base.deadline import processor_time
-from microbot_ocp.planning.search import SEARCH
 
 WORSE = 1e-4  # relative growth of a cost or duration that is reported
 SLOWER = 0.1  # relative growth of a group's processor time that is reported
@@ -190,10 +190,12 @@ def names_of(group: str, count: int | None) -> list[str]:
 
 
 def ablate(what: str) -> None:
-    """Remove a strategy in this process, or set a number in the settings of the search."""
-    name, is_setting, value = what.partition("=")
-    if is_setting:
-        object.__setattr__(SEARCH, name, type(getattr(SEARCH, name))(float(value)))
+    """Remove a strategy in this process, or set a number of a module."""
+    name, is_number, value = what.partition("=")
+    if is_number:
+        module, _, number = name.rpartition(".")
+        place = importlib.import_module(f"microbot_ocp.{module}")
+        setattr(place, number, type(getattr(place, number))(float(value)))
     for strategy in ocp.search.STRATEGIES:
         if strategy.name == name:
             object.__setattr__(strategy, "propose", lambda task, tried: ())

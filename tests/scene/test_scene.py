@@ -263,8 +263,8 @@ def test_pairs_that_are_missed_are_put_in_and_it_is_solved_again(
     around, monkeypatch, samples: int
 ) -> None:
     # no pair comes so near on the path
-    few = replace(guided.GUIDED, near=1e-3, samples=samples)
-    monkeypatch.setattr(guided, "GUIDED", few)
+    monkeypatch.setattr(guided, "NEAR", 1e-3)
+    monkeypatch.setattr(guided, "SAMPLES", samples)
     check_solved_again(around)
 
 

@@ -17,8 +17,9 @@ from ._judged import (
     named as named,
 )
 from ._refiner import (
+    FORESIGHT as FORESIGHT,
+    WARM_BARRIER as WARM_BARRIER,
     WORSE as WORSE,
     Refiner as Refiner,
-    RefinerSettings as RefinerSettings,
     split as split,
 )

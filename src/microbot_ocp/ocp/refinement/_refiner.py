@@ -31,32 +31,15 @@ Switching = Callable[[Solution], Sequence[np.ndarray]]
 WORSE = 1e-3  # accepted increase of the cost on a finer mesh, relative
 
 
-@dataclass(frozen=True)
-class RefinerSettings:
-    """Settings of refinement and of the last solves.
-
-    Attributes
-    ----------
-    warm_barrier : barrier parameter of warm starts; IPOPT's default of 0.1 would move the iterate
-        far away from a good guess
-    stubborn : number of meshes without halving the least excess after which refinement ends
-    gross : excess above which a solution satisfies its equations only within their tolerance
-    polished : fraction of the wanted gap below which no polishing is needed
-    polishing : iteration limit of the polishing solve
-    finishing : number of refinements after polishing
-    foresight : least foresight after polishing: few excesses remain, and each new interval costs
-    """
-
-    warm_barrier: float = 1e-4
-    stubborn: int = 6
-    gross: float = 1.0
-    polished: float = 0.1
-    polishing: int = 60
-    finishing: int = 2
-    foresight: float = 0.5
-
-
-SETTINGS = RefinerSettings()
+# Barrier parameter of warm starts; IPOPT's default of 0.1 would move a good guess far away
+WARM_BARRIER = 1e-4
+STUBBORN = 6  # meshes without halving the least excess after which refinement ends
+GROSS = 1.0  # excess above which a solution satisfies its equations only within their tolerance
+POLISHED = 0.1  # fraction of the wanted gap below which no polishing is needed
+POLISHING_ITERATIONS = 60  # limit of the polishing solve
+FINISHING_ROUNDS = 2  # refinements after polishing
+# Least foresight after polishing: few excesses remain, and each new interval costs
+FORESIGHT = 0.5
 
 
 @dataclass(eq=False)
@@ -106,7 +89,7 @@ class Refiner:
     progress: StepProgress = quiet
     settings: SolverSettings = field(default_factory=SolverSettings)
     rough: float | None = None
-    polishing: int = SETTINGS.polishing
+    polishing: int = POLISHING_ITERATIONS
     foresight: float = 1.0
     fitted: Fitted | None = None
     once: bool = False
@@ -157,10 +140,10 @@ class Refiner:
         wanted = self.settings.gap
         # A solve with the wanted gap is polished already.
         polished = cast("float", solution.settings.get("gap", np.inf)) <= wanted
-        near = solution.gap.total <= SETTINGS.polished * wanted * abs(solution.cost)
+        near = solution.gap.total <= POLISHED * wanted * abs(solution.cost)
         if self._is_enough(solution) or polished or near:
             return solution
-        return self.polished(solution, SETTINGS.finishing)
+        return self.polished(solution, FINISHING_ROUNDS)
 
     def polished(self, solution: Solution, rounds: int) -> Solution:
         """Return a solution at full tolerance on its mesh, followed by refinement rounds.
@@ -177,7 +160,7 @@ class Refiner:
         if not accepted:
             return solution
         self.rough = None
-        foresight = max(self.foresight, SETTINGS.foresight)
+        foresight = max(self.foresight, FORESIGHT)
         finer = replace(self, rounds=rounds, foresight=foresight).refine(finer)
         within = self._worst(finer) <= max(self.limit_tolerance, self._worst(solution))
         return finer if within else solution
@@ -192,7 +175,7 @@ class Refiner:
             # Multipliers save a third of the iterations of this start.
             starts = [(None, before)]
         else:
-            starts = [(SETTINGS.warm_barrier, guesses)]
+            starts = [(WARM_BARRIER, guesses)]
         if not self.once:
             starts.append((None, guesses))
         after, dearer, gain = before, None, self._cost_of_excess(before)
@@ -230,7 +213,7 @@ class Refiner:
 
     def _exceeds_grossly(self, before: Solution, after: Solution) -> bool:
         """Return True if a new solution exceeds limits grossly, and more than the known one."""
-        return self._worst(after) > max(SETTINGS.gross, self._worst(before))
+        return self._worst(after) > max(GROSS, self._worst(before))
 
     def _accepts(self, before: Solution, after: Solution) -> bool:
         if not after.status.solved or not before.status.solved:
@@ -322,9 +305,7 @@ class Refiner:
         within = measure.worst <= self.limit_tolerance
         if (within and not measure.switched) or self._is_enough(rounds[-1].solution):
             return Status.SOLVED
-        stubborn = (
-            _meshes_without_progress([each.measure.worst for each in rounds]) >= SETTINGS.stubborn
-        )
+        stubborn = _meshes_without_progress([each.measure.worst for each in rounds]) >= STUBBORN
         return Status.NO_PROGRESS if stubborn and not within else None
 
     def _is_enough(self, solution: Solution) -> bool:

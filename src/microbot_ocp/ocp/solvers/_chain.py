@@ -292,7 +292,7 @@ def last_barrier(program: Program, settings: SolverSettings, x: FloatArray) -> f
     size = cost_size(program.cost(x), program.cost_scale)
     if np.isfinite(settings.gap):
         return _complementarity(program, settings.gap * size)
-    return _complementarity(program, TIGHTENING.rough_gap * size, SETTINGS.warm_barrier)
+    return _complementarity(program, ROUGH_GAP * size, SETTINGS.warm_barrier)
 
 
 def _rank(status: Status) -> int:
@@ -304,31 +304,16 @@ def _rank(status: Status) -> int:
 # further solves for a small gap -------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Tightening:
-    """Barrier parameters of further solves for a small gap.
-
-    Attributes
-    ----------
-    ratio : fraction of the wanted gap that the barrier may take
-    barrier : barrier parameter of a warm start
-    usual : complementarity tolerance of IPOPT by default
-    least_barrier : least barrier parameter that solvers reach
-    rough_gap : gap left by a solve that accepts any gap, relative to the cost
-    """
-
-    ratio: float = 0.5
-    barrier: float = 1e-6
-    usual: float = 1e-4
-    least_barrier: float = 1e-15
-    rough_gap: float = 2e-4
-
-
-TIGHTENING = Tightening()
+# Barrier parameters of further solves for a small gap
+GAP_SHARE = 0.5  # fraction of the wanted gap that the barrier may take
+WARM_BARRIER = 1e-6  # barrier parameter of a warm start
+USUAL_COMPLEMENTARITY = 1e-4  # IPOPT's tolerance by default
+LEAST_BARRIER = 1e-15  # least barrier parameter that solvers reach
+ROUGH_GAP = 2e-4  # gap left by a solve that accepts any, relative to the cost
 
 # Barrier and distance from the bounds agree: steps are short where products of multipliers and
 # slacks differ from the barrier.
-WARM_START = dict.fromkeys(("mu_init", *WARM_PUSHES), TIGHTENING.barrier)
+WARM_START = dict.fromkeys(("mu_init", *WARM_PUSHES), WARM_BARRIER)
 
 # Tolerance and options of each further solve. IPOPT relaxes bounds by 1e-8 of their size by
 # default; the second solve reduces this, which needs a larger barrier parameter. Near an optimum of
@@ -391,12 +376,12 @@ def tightened(runner: Runner, outcome: SolverOutcome) -> tuple[SolverOutcome, Ga
     return best, gap, attempts
 
 
-def _complementarity(program: Program, gap: float, most: float = TIGHTENING.usual) -> float:
+def _complementarity(program: Program, gap: float, most: float = USUAL_COMPLEMENTARITY) -> float:
     """Return the product of multiplier and slack at which all limits together leave a gap."""
     ranges = program.lower < program.upper
     count = sum(int(np.sum(np.isfinite(k) & ranges)) for k in (program.lower, program.upper))
-    each = TIGHTENING.ratio * gap / program.cost_scale / max(count, 1)
-    return float(np.clip(each, TIGHTENING.least_barrier, most))
+    each = GAP_SHARE * gap / program.cost_scale / max(count, 1)
+    return float(np.clip(each, LEAST_BARRIER, most))
 
 
 def _keeps_all(outcome: SolverOutcome) -> bool:

@@ -9,7 +9,7 @@ from ._branches import least_duration as least_duration
 from ._estimate import rested_duration as rested_duration
 from ._prepared import TimeOptimalSolver as TimeOptimalSolver
 from ._result import FREE as FREE
-from ._settings import SEARCH as SEARCH, TimeOptimalSettings as TimeOptimalSettings
+from ._settings import TimeOptimalSettings as TimeOptimalSettings
 from ._stop_motion import (
     Part as Part,
     Place as Place,

@@ -36,35 +36,17 @@ from microbot_ocp.planning.task import (
 from microbot_ocp.robot import Robot, forward_kinematics, jacobian
 from microbot_ocp.trajectories import spline
 
-
-@dataclass(frozen=True)
-class BranchSettings:
-    """Settings of the branches of the inverse kinematics.
-
-    Attributes
-    ----------
-    turns : number of tool orientations tried about a free axis
-    rows : number of poses at which a tool line is followed
-    same_branch : largest joint difference of two poses on one branch, rad (m)
-    apart : largest joint difference at the stops of two ways to one optimum, rad (m)
-    most_ways : largest number of ways
-    redundant : singular value of the tool Jacobian below which a direction is redundant, per reach
-    """
-
-    turns: int = 8
-    rows: int = 33
-    same_branch: float = 0.05
-    apart: float = 0.9
-    most_ways: int = 12
-    redundant: float = 1e-4
-
-
-BRANCHES = BranchSettings()
+TURNS = 8  # tool orientations tried about a free axis
+ROWS = 33  # poses at which a tool line is followed
+SAME_BRANCH = 0.05  # largest joint difference of two poses on one branch, rad (m)
+APART = 0.9  # largest joint difference at the stops of two ways to one optimum, rad (m)
+MOST_WAYS = 12
+REDUNDANT = 1e-4  # singular value of the tool Jacobian of a redundant direction, per reach
 Poses = list[FloatArray]  # one joint pose [n] per branch
 Picks = tuple[int, ...]  # number of the branch at each stop
 Joined = dict[tuple[int, int], FloatArray | None]  # branches at both ends: joint path, if known
 
-_even = np.linspace(0.0, 1.0, BRANCHES.rows)
+_even = np.linspace(0.0, 1.0, ROWS)
 EASED = _even**3 * (10.0 - 15.0 * _even + 6.0 * _even**2)  # quintic from rest to rest
 WEIGHTS = np.geomspace(100.0, 1.0, 5)  # damping, tolerances per rad (m): decreasing, as in LM
 
@@ -131,9 +113,9 @@ def ways_through(task: Task) -> list[Way]:
     # Ways that are near at every stop lead to one optimum.
     chosen: list[Way] = []
     for way in ways:
-        if all(np.abs(way.via - other.via).max() > BRANCHES.apart for other in chosen):
+        if all(np.abs(way.via - other.via).max() > APART for other in chosen):
             chosen.append(way)
-    return chosen[: BRANCHES.most_ways]
+    return chosen[:MOST_WAYS]
 
 
 def _free(starts: Poses, ends: Poses) -> Joined:
@@ -163,7 +145,7 @@ def few_poses(robot: Robot, stop: Stop) -> FloatArray | None:
         slopes = np.array(jacobian(robot)(q))[:rows]
         # Rotations times the reach have the unit of translations, m.
         slopes[3:] *= reach_of(robot)
-        least = BRANCHES.redundant * reach_of(robot)
+        least = REDUNDANT * reach_of(robot)
         if np.linalg.matrix_rank(slopes, tol=least) < robot.joint_count:
             return None
     return poses
@@ -181,7 +163,7 @@ def _branches(robot: Robot, stop: Stop) -> tuple[FloatArray, ...]:
         for solution in solve_ik_all(robot, place, orientation):
             if not solution.solved and not _within(stop, solution):
                 missed.append(solution)
-            elif all(np.abs(solution.q - other).max() > BRANCHES.same_branch for other in poses):
+            elif all(np.abs(solution.q - other).max() > SAME_BRANCH for other in poses):
                 poses.append(solution.q)
     if not poses:
         raise InputError(_out_of_reach(robot, stop, missed))
@@ -218,7 +200,7 @@ def _turned(turned: FloatArray | None, axis: int | None) -> list[FloatArray | No
     """Return the orientation, or several about a free axis of the tool."""
     if turned is None or axis is None:
         return [turned]
-    angles = 2 * np.pi * np.arange(BRANCHES.turns) / BRANCHES.turns
+    angles = 2 * np.pi * np.arange(TURNS) / TURNS
     return [turned @ _about(axis, angle) for angle in angles]
 
 
@@ -286,7 +268,7 @@ def _followed(task: Task, index: int, nodes: list[Poses]) -> tuple[Poses, Poses,
             if path is None:
                 continue
             near = [_apart(task.robot, path[-1], other) for other in target]
-            if near and min(near) < BRANCHES.same_branch:
+            if near and min(near) < SAME_BRANCH:
                 b = int(np.argmin(near))
             elif task.stops[index if backwards else index + 1].q is None:
                 target.append(path[-1])
@@ -364,7 +346,7 @@ def _near_line(task: Task, index: int, places: Places, q: FloatArray) -> FloatAr
     turned = None if orientations is None else orientations[last:]
     end = follow_ik(robot, positions[last:], turned, seed=path[-1])
     path = np.vstack([*path, end.q])
-    if not end.solved or np.abs(np.diff(path, axis=0)).max() > BRANCHES.apart:
+    if not end.solved or np.abs(np.diff(path, axis=0)).max() > APART:
         return None
     family = task.families[index]
     uses = family.use(MotionSamples.at_rest(path), family.of_order(0)).values()
@@ -478,7 +460,7 @@ def _realised(task: Task, nodes: list[Poses], edges: list[Joined], picks: Picks)
         q[k] = _near(robot, q[k], q[k + 1])
     for k in range(origin + 1, len(q)):
         q[k] = q[k] if task.stops[k].q is not None else _near(robot, q[k], q[k - 1])
-    if task.cycle and np.abs(q[-1] - q[0]).max() > BRANCHES.same_branch:
+    if task.cycle and np.abs(q[-1] - q[0]).max() > SAME_BRANCH:
         return None
     if task.cycle:
         q[-1] = q[0]
@@ -491,7 +473,7 @@ def _realised(task: Task, nodes: list[Poses], edges: list[Joined], picks: Picks)
             # The joint path was followed from a pose that may differ by full turns.
             apart = q[k] - path[0]
             path = path + np.round(apart / (2 * np.pi)) * 2 * np.pi * (np.abs(apart) > np.pi)
-            if np.abs(path[-1] - q[k + 1]).max() > 10 * BRANCHES.same_branch:
+            if np.abs(path[-1] - q[k + 1]).max() > 10 * SAME_BRANCH:
                 return None
         paths.append(path)
     return Way(np.array(q), tuple(paths), tuple(pick + 1 for pick in picks))

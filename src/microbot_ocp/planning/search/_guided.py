@@ -47,24 +47,10 @@ from microbot_ocp.scene import (
     room_along,
 )
 
-
-@dataclass(frozen=True)
-class GuidedSettings:
-    """Settings of the search from a way around obstacles.
-
-    Attributes
-    ----------
-    near : distance beyond the clearance from which a pair enters the problem, share of the reach
-    again : largest number of repeated solves with more pairs or larger distances
-    samples : number of poses along a segment at which pairs are evaluated
-    """
-
-    near: float = 0.01
-    again: int = 3
-    samples: int = 200
-
-
-GUIDED = GuidedSettings()
+# Distance beyond the clearance from which a pair enters the problem, share of the reach
+NEAR = 0.01
+MOST_REPEATS = 3  # solves with more pairs or larger distances
+SAMPLES = 200  # poses along a segment at which pairs are evaluated
 LARGER_DISTANCES = "links come too near: solved again with larger required distances"
 FrontFunction = Callable[[MotionSearch, SearchState | None], Front]
 
@@ -111,7 +97,7 @@ class PairDistances:
         """
         pairs = facing(robot, guiding_pairs(robot, scene), poses)
         room, room_left, apart = room_along(robot, scene, pairs, poses, tolerance)
-        within = scene.clearance + GUIDED.near * reach_of(robot)
+        within = scene.clearance + NEAR * reach_of(robot)
         most = clearances(robot, pairs, via).min(axis=0) - scene.clearance
         room = np.minimum(room, room_left)
         return cls(robot, scene, tolerance, pairs, most, apart < within, room)
@@ -317,7 +303,7 @@ class GuidedSearch:
         proofs = list[Clearance | None]()
         with suppress(deadline.Over):
             now = coarse_result or self.coarse_result()
-            for _ in range(GUIDED.again + 1):
+            for _ in range(MOST_REPEATS + 1):
                 answer: MotionAnswer | None = None
                 if front_of is None:
                     motion, proof, answer = self._fastest(now)
@@ -395,7 +381,7 @@ class GuidedSearch:
             for part in stretches(self.task, motion):
                 poses[part.segment].append(poses_along(shape, part.start, part.end, proof.time))
             along = list(map(np.concatenate, poses))
-            around, _, more_left_out = around.after(along, GUIDED.near)
+            around, _, more_left_out = around.after(along, NEAR)
             left_out = left_out or more_left_out
         return around, left_out
 
@@ -405,5 +391,5 @@ def poses_along(
 ) -> FloatArray:
     """Return poses [N,n] along a motion from start to end, s, and at a further time within them."""
     end = shape.duration if end is None else end
-    times = np.linspace(start, end, GUIDED.samples)
+    times = np.linspace(start, end, SAMPLES)
     return shape(np.append(times, np.clip(also, start, end)))

@@ -57,7 +57,12 @@ from microbot_ocp.planning.search._refinement import (
 )
 from microbot_ocp.planning.search._result import fastest
 from microbot_ocp.planning.search._search import MotionAnswer, SearchState, from_plain, plain_of
-from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings
+from microbot_ocp.planning.search._settings import (
+    COARSE_MESH,
+    FULL_MESH,
+    LEAST_GAIN,
+    TimeOptimalSettings,
+)
 from microbot_ocp.planning.task import (
     COARSE_SMOOTHING,
     LDL,
@@ -398,7 +403,7 @@ class TimeOptimalSolver:
 
         def solve(first: Solution | Mapping[str, Guess]) -> Solution:
             known = isinstance(first, Solution)
-            meshes: Any = [phase.mesh for phase in first.phases] if known else SEARCH.explore_mesh
+            meshes: Any = [phase.mesh for phase in first.phases] if known else COARSE_MESH
             return refiner.solve(meshes, first)
 
         tried, name, best = _tried(self._starts(problem, near, moving is not None), solve, search)
@@ -538,7 +543,7 @@ class TimeOptimalSolver:
         if key in self._solvers:
             return self._solvers[key]
         if prepared is None:
-            mesh = [int(self._settings.mesh or SEARCH.full_mesh)] * len(self._phases)
+            mesh = [int(self._settings.mesh or FULL_MESH)] * len(self._phases)
             solver = ParametricSolver(self._kernels, mesh, settings)
             problem = MotionProblem.through(LimitFamily.of(self.robot), self.via_q, self._settings)
             start = problem.drawn(0)
@@ -597,11 +602,11 @@ class TimeOptimalSolver:
         them comes first. An answer is kept if it is no worse than the one before.
         """
         gained, dry = np.inf, dry_friction(self.robot) > 0.0
-        fine = 0 if problem.family.jerk_matters else 2 * (self._settings.mesh or SEARCH.full_mesh)
+        fine = 0 if problem.family.jerk_matters else 2 * (self._settings.mesh or FULL_MESH)
         for _ in range(self._rounds if solution.status.solved else 0):
             excess = problem.excess(solution)
             bad = [e > problem.settings.limit_tolerance for e in excess]
-            if gained > SEARCH.least_gain * solution.duration:
+            if gained > LEAST_GAIN * solution.duration:
                 switches = switch_marks(problem.family, solution)
                 turns = (reversals(phase["qd"], dry) for phase in solution.phases)
                 marks = zip(bad, switches, turns, strict=True)

@@ -41,10 +41,12 @@ from microbot_ocp.planning.free import (
     within_limits,
 )
 from microbot_ocp.planning.search._branches import Way, segment_timings, straight_way
-from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings
+from microbot_ocp.planning.search._settings import TimeOptimalSettings
 from microbot_ocp.planning.search._stop_motion import motion_of
 from microbot_ocp.planning.task import Conditions, Task, TaskScale, with_locked_joints_held
 from microbot_ocp.robot import Robot
+
+VIA_TOLERANCE = 1e-7  # relative position error and velocity jump allowed at a via point
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,10 +309,10 @@ class MotionProblem:
         shape, times = polynomial(solution), via_times(solution)
         # An interrupted solve may miss via points or jump in velocity: slowing down mends neither.
         missed = np.abs(shape(times) - self.via).max()
-        if not missed <= SEARCH.via_tolerance * np.abs(np.diff(self.via, axis=0)).max():
+        if not missed <= VIA_TOLERANCE * np.abs(np.diff(self.via, axis=0)).max():
             return None
         velocity, inner = shape.derivative(), times[1:-1]
         jump = np.abs(velocity(inner) - velocity(inner, from_left=True)).max(initial=0.0)
-        if not jump <= SEARCH.via_tolerance * np.abs(velocity(shape.breaks)).max():
+        if not jump <= VIA_TOLERANCE * np.abs(velocity(shape.breaks)).max():
             return None
         return within_limits(self.family, shape, times, self.settings.limit_tolerance, self.fast)

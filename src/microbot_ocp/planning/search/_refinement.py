@@ -19,7 +19,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.ocp import PhaseSolution, Solution, SolverSettings
-from microbot_ocp.ocp.refinement import WORSE, Refiner, RefinerSettings
+from microbot_ocp.ocp.refinement import FORESIGHT as LEAST_FORESIGHT, WARM_BARRIER, WORSE, Refiner
 from microbot_ocp.ocp.solution import StepProgress
 from microbot_ocp.ocp.transcription import Transcription, mesh_of
 from microbot_ocp.planning.free import (
@@ -41,7 +41,14 @@ from microbot_ocp.planning.search._search import (
     rank,
     timed_step,
 )
-from microbot_ocp.planning.search._settings import SEARCH
+from microbot_ocp.planning.search._settings import (
+    LARGEST_SLOWDOWN,
+    LEAST_GAIN,
+    MOST_ITERATIONS,
+    SAME_OPTIMUM,
+    SMOOTHING_COST_LIMIT,
+    TIMED_PATH_BARRIER,
+)
 from microbot_ocp.planning.search._starts import full_mesh, nearest
 from microbot_ocp.planning.task import (
     GAP,
@@ -54,6 +61,20 @@ from microbot_ocp.planning.task import (
     with_windows,
 )
 
+FAR_BARRIER = 3e-5  # barrier parameter of a warm start from a coarse to a full mesh
+FORESIGHT = 0.1  # share of the accepted excess from which an interval is split
+GRADED_SHARE = 0.5  # share of the intervals that follows changes of the acceleration
+MANY_PHASES = 5  # number of phases up to which multipliers of the coarse mesh are reused
+MOST_POLISHED = 15  # largest number of phases that are solved to the full tolerance
+REDUCED_SMOOTHING = 1e-2  # factor on the jerk weight of the reduced smoothing
+REDUCED_BARRIER = 1e-6  # barrier parameter of the solve with reduced smoothing
+SMOOTHING_BARRIER = 1e-2  # barrier parameter of the first solve with increased smoothing
+# Factors on the usual jerk weight, applied one after another
+SMOOTHING_FACTORS = (1e6, 1e5, 1e4, 1e3, 1e2, 10.0, 1.0)
+SMOOTHING_ITERATIONS = 200  # iteration limit of each solve with increased smoothing
+TIMED_PATH_TOLERANCE = 1e-4  # solver tolerance among obstacles, relative
+USUAL_ITERATIONS = 100  # iteration limit of a full or refined mesh, and of the last digits
+
 
 def search_of(problem: MotionProblem, progress: StepProgress) -> MotionSearch:
     """Return the search of a problem, with its compiled program and the settings of its solves."""
@@ -64,7 +85,7 @@ def search_of(problem: MotionProblem, progress: StepProgress) -> MotionSearch:
     kernel_time = time.perf_counter() - begin
     windows, rated = has_windows(problem.family), problem.is_rated
     is_guided = problem.timed_path is not None  # a motion within limits is known
-    is_rough = not is_guided and (windows or len(problem.names) > SEARCH.most_polished)
+    is_rough = not is_guided and (windows or len(problem.names) > MOST_POLISHED)
     refiner = Refiner(
         kernels,
         problem.guesses,
@@ -73,20 +94,16 @@ def search_of(problem: MotionProblem, progress: StepProgress) -> MotionSearch:
         progress=with_motion(progress, problem.family.robot, problem.via),
         settings=SolverSettings(gap=wanted_gap(problem), options=LDL),
         rough=ROUGH_TOLERANCE,
-        foresight=SEARCH.foresight if rated else 1.0,
-        polishing=0 if is_rough else SEARCH.usual_iterations,
+        foresight=FORESIGHT if rated else 1.0,
+        polishing=0 if is_rough else USUAL_ITERATIONS,
         fitted=partial(with_windows, dry_friction(problem.family.robot) > 0.0) if windows else None,
         enough=partial(is_enough, problem) if problem.is_free else None,
     )
     if is_guided:
-        tolerance, most = SEARCH.timed_path_tolerance, SEARCH.most_iterations
+        tolerance, most = TIMED_PATH_TOLERANCE, MOST_ITERATIONS
         # A link equally near to two faces of a body makes iterates alternate between the two
         # constraints: accept the point after a few acceptable iterations.
-        still = {
-            "acceptable_iter": SEARCH.acceptable_iterations,
-            "acceptable_tol": 10.0 * tolerance,
-        }
-        options = {"ipopt": {**LDL["ipopt"], **still}}
+        options = {"ipopt": {**LDL["ipopt"], "acceptable_tol": 10.0 * tolerance}}
         rough = SolverSettings(gap=np.inf, options=options, max_iterations=most)
         refiner = replace(refiner, tolerance=tolerance, rough=None, settings=rough, once=True)
     return MotionSearch(problem, refiner, progress, kernel_time)
@@ -146,7 +163,7 @@ def _promising(state: SearchState) -> list[MotionAnswer]:
 
 def _same(finer: MotionAnswer, coarser: MotionAnswer) -> bool:
     """Return True if a finer mesh kept the optimum of a coarser one, or found a faster one."""
-    return finer.duration <= (1.0 + SEARCH.same_optimum) * coarser.duration
+    return finer.duration <= (1.0 + SAME_OPTIMUM) * coarser.duration
 
 
 def resumed(search: MotionSearch, answer: MotionAnswer) -> SearchState:
@@ -156,7 +173,7 @@ def resumed(search: MotionSearch, answer: MotionAnswer) -> SearchState:
     refiner = replace(search.refiner, transcription=kernels, history=[])
     meshes = [phase.mesh for phase in answer.solution.phases]
     first = replace(refiner, once=False)
-    solution = first.solve(meshes, answer.solution, barrier=SEARCH.timed_path_barrier)
+    solution = first.solve(meshes, answer.solution, barrier=TIMED_PATH_BARRIER)
     search.progress(f"start {answer.start}: {solution.duration:.6f} s, {solution.status}")
     again = MotionAnswer(
         start=answer.start,
@@ -216,24 +233,24 @@ def to_full_mesh(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
     finer = partial(_finer, subject, FULL_MESH, Level.FULL, **more)
     is_guided = search.problem.timed_path is not None
     if is_guided:  # a small barrier parameter shortens steps near many distance constraints
-        refiner = replace(refiner, settings=_from_barrier(refiner, SEARCH.timed_path_barrier))
+        refiner = replace(refiner, settings=_from_barrier(refiner, TIMED_PATH_BARRIER))
     if is_guided or not jumps:
         solution = refiner.finer(before, meshes)
         if refiner.fitted is not None and solution is not before:
             marks = partial(friction_marks, search)
-            solution = refiner.sharpen(solution, marks, worth=SEARCH.least_gain)
+            solution = refiner.sharpen(solution, marks, worth=LEAST_GAIN)
         return finer(solution, refiner)
-    if len(before.phases) > SEARCH.many_phases:
+    if len(before.phases) > MANY_PHASES:
         # Multipliers of a coarse mesh of many phases mislead the solver: start without them.
-        guesses, barrier = search.problem.guesses(before), RefinerSettings.warm_barrier
+        guesses, barrier = search.problem.guesses(before), WARM_BARRIER
         solution = refiner.solve(meshes, guesses, barrier=barrier)
         if solution.status.solved and solution.cost <= (1 + WORSE) * before.cost:
             return finer(solution, refiner)
     # A warm start with multipliers needs a barrier parameter that matches the mesh error: from a
     # smaller one the iterates are too near to bounds that are active on the coarse mesh only.
-    settings, once = _from_barrier(refiner, SEARCH.far_barrier), False
-    if len(before.phases) <= SEARCH.many_phases and _within_limits(search, subject) is not None:
-        settings, once = _at_most(settings, SEARCH.usual_iterations), True
+    settings, once = _from_barrier(refiner, FAR_BARRIER), False
+    if len(before.phases) <= MANY_PHASES and _within_limits(search, subject) is not None:
+        settings, once = _at_most(settings, USUAL_ITERATIONS), True
     farther = replace(refiner, settings=settings, once=once)
     return finer(farther.finer(before, meshes), refiner)
 
@@ -284,12 +301,12 @@ def less_and_less_smoothing(search: MotionSearch, subject: MotionAnswer) -> Moti
     not converge from it.
     """
     refiner = _going_on(subject)
-    limited = _at_most(refiner.settings, SEARCH.smoothing_iterations)
+    limited = _at_most(refiner.settings, SMOOTHING_ITERATIONS)
     meshes = [full_mesh(search)] * len(search.problem.names)
     start: Any = search.problem.guesses_along(_within_limits(search, subject))
     last: Solution | None = None
-    barrier: float | None = SEARCH.smoothing_barrier
-    for times in SEARCH.smoothing_factors:
+    barrier: float | None = SMOOTHING_BARRIER
+    for times in SMOOTHING_FACTORS:
         weight = times * subject.smoothing
         kernels = _smoothed(search, search.refiner.transcription, weight)
         finer = replace(refiner, transcription=kernels)
@@ -299,7 +316,7 @@ def less_and_less_smoothing(search: MotionSearch, subject: MotionAnswer) -> Moti
             break
         worth = np.inf if last is None else last.duration / solution.duration - 1.0
         start, last, barrier = solution, solution, None
-        if times == SEARCH.smoothing_factors[-1] or worth < SEARCH.same_optimum:
+        if times == SMOOTHING_FACTORS[-1] or worth < SAME_OPTIMUM:
             finer = replace(finer, history=[])
             given = {"refiner": finer, "smoothing": weight}
             return _finer(subject, SMOOTHED, Level.FULL, solution, refiner, **given)
@@ -313,7 +330,7 @@ def less_and_less_smoothing(search: MotionSearch, subject: MotionAnswer) -> Moti
 
 def _smooths_too_much(search: MotionSearch, answer: MotionAnswer, *meshes: Any) -> bool:
     """Return True if accelerations jump and the usual smoothing costs too much."""
-    is_usual = answer.smoothing > SEARCH.reduced_smoothing * SMOOTHING
+    is_usual = answer.smoothing > REDUCED_SMOOTHING * SMOOTHING
     jumps = accelerations_jump(search.problem.family)
     return is_usual and jumps and _is_costly(answer.solution, *meshes)
 
@@ -332,12 +349,12 @@ def _is_costly(solution: Solution, meshes: Sequence[int | FloatArray] = ()) -> b
         inside = np.diff(np.searchsorted(mesh, phase.mesh))  # finer intervals in each interval
         coarse, fine = coarse + cost.sum(), fine + (np.maximum(inside, 1) * cost).sum()
     share = (solution.cost - solution.duration) / solution.duration
-    return share * fine > SEARCH.smoothing_cost_limit * coarse
+    return share * fine > SMOOTHING_COST_LIMIT * coarse
 
 
 def _less_smoothed(search: MotionSearch, refiner: Refiner) -> tuple[Refiner, float]:
     """Return a refiner with less smoothing, and the weight of the squared jerk."""
-    weight = SEARCH.reduced_smoothing * SMOOTHING
+    weight = REDUCED_SMOOTHING * SMOOTHING
     # The LDL factorisation without pivots loses the small curvature of a weak jerk term in
     # rounding: 40 iterations instead of 21.
     usual = replace(refiner.settings, options={})
@@ -350,7 +367,7 @@ def less_smoothing(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
     """Solve with less smoothing on the same mesh; later solves keep the weight."""
     refiner, meshes = _going_on(subject), [phase.mesh for phase in subject.solution.phases]
     finer, weight = _less_smoothed(search, refiner)
-    settings = _at_most(_from_barrier(finer, SEARCH.reduced_barrier), SEARCH.usual_iterations)
+    settings = _at_most(_from_barrier(finer, REDUCED_BARRIER), USUAL_ITERATIONS)
     solution = replace(finer, settings=settings).solve(meshes, subject.solution)
     search.progress(f"smoothed less: {solution.duration:.6f} s, {solution.status}")
     if solution.status.solved and solution.duration >= subject.duration:
@@ -365,19 +382,17 @@ def split_where_exceeded(search: MotionSearch, subject: MotionAnswer) -> MotionA
     refiner, best = _going_on(subject), subject.solution
     marks: Any = {
         "switching": partial(switch_marks, search.problem.family),
-        "worth": SEARCH.least_gain,
+        "worth": LEAST_GAIN,
     }
     if accelerations_jump(search.problem.family):
-        usual = _at_most(refiner.settings, SEARCH.smoothing_iterations)
-        foresight = SEARCH.foresight if refiner.rough else RefinerSettings.foresight
+        usual = _at_most(refiner.settings, SMOOTHING_ITERATIONS)
+        foresight = FORESIGHT if refiner.rough else LEAST_FORESIGHT
         refiner = replace(refiner, foresight=foresight, settings=usual)
     if search.problem.is_rated:
         # The last refinement of a mesh gains almost nothing and may take a thousand iterations.
-        refiner = replace(
-            refiner, once=True, settings=_at_most(refiner.settings, SEARCH.usual_iterations)
-        )
+        refiner = replace(refiner, once=True, settings=_at_most(refiner.settings, USUAL_ITERATIONS))
     if search.problem.timed_path is not None:  # a failed solve is repeated from a larger barrier
-        farther = _from_barrier(refiner, SEARCH.timed_path_barrier)
+        farther = _from_barrier(refiner, TIMED_PATH_BARRIER)
         refiner = replace(refiner, settings=farther)
     best = refiner.refine(best, **marks)
     return _finer(subject, SPLIT, Level.SPLIT, best, refiner, **_kept(search, best))
@@ -395,7 +410,7 @@ def last_digits(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
     distance. A few iterations from its multipliers reduce the cost of this distance to almost zero.
     """
     refiner, solution = _going_on(subject), subject.solution
-    loose = not solution.gap.total <= SEARCH.largest_slowdown * abs(solution.cost)
+    loose = not solution.gap.total <= LARGEST_SLOWDOWN * abs(solution.cost)
     if search.problem.timed_path is None:
         solution = refiner.finished(solution)
     elif loose and search.worst(solution) <= search.settings.limit_tolerance:
@@ -464,9 +479,7 @@ def graded(phase: PhaseSolution, count: int) -> FloatArray:
     slope = np.pad(change / steps, 1)
     # A change may begin anywhere in the interval or in a neighbour, which counts half.
     weight = steps * np.maximum(slope[1:-1], 0.5 * np.maximum(slope[:-2], slope[2:]))
-    density = (1.0 - SEARCH.graded_share) * steps + SEARCH.graded_share * weight / max(
-        weight.sum(), TINY
-    )
+    density = (1.0 - GRADED_SHARE) * steps + GRADED_SHARE * weight / max(weight.sum(), TINY)
     reached = np.concatenate([[0.0], np.cumsum(density)])
     mesh = np.interp(np.linspace(0.0, reached[-1], count + 1), reached, phase.mesh)
     mesh[[0, -1]] = 0.0, 1.0

@@ -44,7 +44,12 @@ from microbot_ocp.planning.search._search import (
     rank,
     settled,
 )
-from microbot_ocp.planning.search._settings import SEARCH, reserving
+from microbot_ocp.planning.search._settings import (
+    NEAR_WAY_BARRIER,
+    SAME_OPTIMUM,
+    SMOOTHING_COST_LIMIT,
+    reserving,
+)
 from microbot_ocp.planning.search._starts import explore, least_of_slower, sample
 from microbot_ocp.planning.task import (
     one_remark,
@@ -53,6 +58,8 @@ from microbot_ocp.planning.task import (
     verdict,
     with_locked_joints_held,
 )
+
+LARGEST_SLACK = 20.0  # largest slack for least effort, relative to the shortest duration
 
 LEFT_OUT = "left out"  # status of an untried way
 NONE_WITHIN = "The search found no motion within the limits."
@@ -131,9 +138,7 @@ class Fastest:
     @property
     def late(self) -> bool:
         """True if the fastest motion takes longer than the given duration."""
-        return self.duration is not None and self.duration < self.shortest * (
-            1 - SEARCH.same_optimum
-        )
+        return self.duration is not None and self.duration < self.shortest * (1 - SAME_OPTIMUM)
 
 
 def fastest(
@@ -142,7 +147,7 @@ def fastest(
     slack: float | None = None,
     duration: float | None = None,
 ) -> Fastest:
-    """Explore and refine; search for less effort if a slack or a duration, s, is given."""
+    """Return the fastest answer, or one of less effort if a slack or a duration, s, is given."""
     begin, problem = time.perf_counter(), search.problem
     with reserving() if problem.timed_path is None else nullcontext():
         state = refine(search, explore(search, state or NOTHING))
@@ -152,7 +157,7 @@ def fastest(
         if duration is not None:
             # Dwells are fixed, so the slack is relative to the time in motion.
             slack = (duration - shortest) / answer.solution.duration if answer.solved else 0.0
-            slack = min(slack, SEARCH.largest_slack)
+            slack = min(slack, LARGEST_SLACK)
         if slack > 0.0 and rank(search, answer.solution)[0] is False and not search.over:
             calmer = least_effort(search, answer, slack)
             state, answer = state.and_(calmer.answer), calmer.answer
@@ -252,7 +257,7 @@ def _further_remarks(best: Fastest) -> Iterator[str]:
     if best.calmer:
         yield best.calmer.remark
     share = best.smoothing_cost / best.answer.solution.duration
-    if best.answer.solution.status.solved and share >= SEARCH.smoothing_cost_limit:
+    if best.answer.solution.status.solved and share >= SMOOTHING_COST_LIMIT:
         yield f"without smoothing of the jerk it could be about {100 * share:.1g} % faster"
 
 
@@ -398,7 +403,7 @@ def least_effort(search: MotionSearch, fastest: MotionAnswer, slack: float) -> L
     # The fastest motion is a feasible guess of the new problem only on its own mesh.
     meshes = [phase.mesh for phase in solution.phases]
     guesses = guess(solution, slower)
-    calmer = refiner.refine(refiner.solve(meshes, guesses, barrier=SEARCH.near_way_barrier))
+    calmer = refiner.refine(refiner.solve(meshes, guesses, barrier=NEAR_WAY_BARRIER))
     search.progress(f"least effort: {calmer.duration:.6f} s, {calmer.status}")
     solves = tuple(refiner.history)
     answer = replace(fastest, step="least effort", before=fastest, solves=solves)

@@ -22,8 +22,14 @@ from microbot_ocp.ocp.transcription import Transcription
 from microbot_ocp.planning.search._branches import Way
 from microbot_ocp.planning.search._problem import MotionProblem
 from microbot_ocp.planning.search._queue import Level
-from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings
+from microbot_ocp.planning.search._settings import (
+    LARGEST_SLOWDOWN,
+    SAME_OPTIMUM,
+    TimeOptimalSettings,
+)
 from microbot_ocp.planning.task import largest
+
+LARGE_MESH = 5000  # intervals times joints from which slowing down may replace refinement
 
 P = ParamSpec("P")
 
@@ -222,15 +228,12 @@ def ledger_of(state: SearchState, last: MotionAnswer) -> Ledger:
 def is_enough(problem: MotionProblem, solution: Solution) -> bool:
     """Return True if a motion on a large mesh is to be slowed down slightly, not refined."""
     size = sum(phase.mesh.size - 1 for phase in solution.phases) * problem.family.robot.joint_count
-    if size < SEARCH.large_mesh or not solution.status.solved or problem.settings.slack:
+    if size < LARGE_MESH or not solution.status.solved or problem.settings.slack:
         return False
     if largest(problem.excess(solution)) <= problem.settings.limit_tolerance:
         return False
     slower = problem.slowed(solution)
-    return (
-        slower is not None
-        and slower.duration <= (1.0 + SEARCH.largest_slowdown) * solution.duration
-    )
+    return slower is not None and slower.duration <= (1.0 + LARGEST_SLOWDOWN) * solution.duration
 
 
 def rank(search: MotionSearch, solution: Solution) -> tuple[bool, float]:
@@ -248,7 +251,7 @@ def by_promise(answers: Sequence[MotionAnswer]) -> list[MotionAnswer]:
     for coarse in answers:
         if coarse.solved and not any(
             abs(coarse.solution.duration - other.solution.duration)
-            <= SEARCH.same_optimum * other.solution.duration
+            <= SAME_OPTIMUM * other.solution.duration
             for other in different
         ):
             different.append(coarse)

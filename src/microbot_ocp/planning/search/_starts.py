@@ -38,15 +38,31 @@ from microbot_ocp.planning.search._search import (
     settled,
     timed_step,
 )
-from microbot_ocp.planning.search._settings import SEARCH
+from microbot_ocp.planning.search._settings import (
+    COARSE_MESH,
+    FULL_MESH,
+    MOST_ITERATIONS,
+    NEAR_WAY_BARRIER,
+    TIMED_PATH_BARRIER,
+)
 from microbot_ocp.planning.task import Task, TaskScale, rounded
 from microbot_ocp.trajectories import cubic, spline
+
+COARSE_MESH_SUM = 160  # intervals of all phases of a coarse mesh together
+LEAST_COARSE_MESH = 6  # intervals per phase
+COARSE_TOLERANCE = 1e-5  # solver tolerance on coarse meshes, relative
+EXPLORING = 0.5  # share of the time limit after which no further start is solved
+FULL_MESH_EVEN = 100  # intervals per phase, for continuous accelerations
+FULL_MESH_SUM = 400  # intervals of all phases of the first full mesh together
+LEAST_FULL_MESH = 25  # intervals per phase
+CURVED_GUESSES = 2  # number of curved initial guesses along the best way through stops
+PRUNE_FACTOR = 1.25  # velocity bound, per best duration, above which a redundant way is skipped
 
 
 def explore_mesh(search: MotionSearch) -> int:
     """Return the number of intervals per phase of the coarse mesh."""
-    fewest = max(SEARCH.explore_sum // len(search.problem.names), SEARCH.least_explore_mesh)
-    return min(full_mesh(search), search.problem.finer * min(fewest, SEARCH.explore_mesh))
+    fewest = max(COARSE_MESH_SUM // len(search.problem.names), LEAST_COARSE_MESH)
+    return min(full_mesh(search), search.problem.finer * min(fewest, COARSE_MESH))
 
 
 def full_mesh(search: MotionSearch) -> int:
@@ -55,8 +71,8 @@ def full_mesh(search: MotionSearch) -> int:
         return search.settings.mesh
     family = search.problem.family
     switching = accelerations_jump(family) or limited_rates(family)
-    most = SEARCH.full_mesh if switching else SEARCH.full_mesh_even
-    return max(min(most, SEARCH.full_mesh_sum // len(search.problem.names)), SEARCH.least_mesh)
+    most = FULL_MESH if switching else FULL_MESH_EVEN
+    return max(min(most, FULL_MESH_SUM // len(search.problem.names)), LEAST_FULL_MESH)
 
 
 def coarse(search: MotionSearch) -> Refiner:
@@ -88,7 +104,7 @@ def explore(search: MotionSearch, state: SearchState = NOTHING) -> SearchState:
 def compare_starts(search: MotionSearch, state: SearchState = NOTHING) -> SearchState:
     """Return the state with starts solved until another is unlikely to be the best."""
     while not state.interrupted:
-        late = search.over or search.spent > SEARCH.exploring
+        late = search.over or search.spent > EXPLORING
         step = None if state.answers and late else next_start(search, state)
         if step is None:
             break
@@ -142,7 +158,7 @@ def from_guess(search: MotionSearch, start: TrialStart, intervals: int) -> Motio
     """Solve from an initial guess."""
     refiner, name = coarse(search), start.guess.name
     refiner = replace(refiner, settings=replace(refiner.settings, **start.settings))
-    solution = refiner.solve(intervals, start.guess.guesses, tolerance=SEARCH.explore_tolerance)
+    solution = refiner.solve(intervals, start.guess.guesses, tolerance=COARSE_TOLERANCE)
     _report(search, name, solution, f" on {intervals} intervals a phase")
     return _answer(search, name, solution, refiner, way=start.way)
 
@@ -150,7 +166,7 @@ def from_guess(search: MotionSearch, start: TrialStart, intervals: int) -> Motio
 @timed_step
 def on_finer_mesh(search: MotionSearch, answer: MotionAnswer, intervals: int) -> MotionAnswer:
     """Solve on a finer coarse mesh from an answer."""
-    refiner = replace(coarse(search), rough=SEARCH.explore_tolerance, once=True)
+    refiner = replace(coarse(search), rough=COARSE_TOLERANCE, once=True)
     solution = refiner.finer(answer.solution, [intervals] * len(search.problem.names))
     _report(search, answer.start, solution, f" on {intervals} intervals a phase")
     return _answer(search, answer.start, solution, refiner, way=answer.way, before=answer)
@@ -192,8 +208,8 @@ def from_known_way(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
     solution = refiner.solve(
         [phase.mesh for phase in subject.solution.phases],
         search.problem.guesses_along(way.motion),
-        tolerance=SEARCH.explore_tolerance,
-        barrier=SEARCH.near_way_barrier,
+        tolerance=COARSE_TOLERANCE,
+        barrier=NEAR_WAY_BARRIER,
     )
     _report(search, way.made_from, solution)
     return _answer(search, way.made_from, solution, refiner, "known way")
@@ -215,7 +231,7 @@ def from_relaxed(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
     solution = subject.solution
     if relaxed.conclusive and relaxed.feasible:
         guesses = guesses_from(relaxed)
-        solution = refiner.solve(meshes, guesses, tolerance=SEARCH.explore_tolerance)
+        solution = refiner.solve(meshes, guesses, tolerance=COARSE_TOLERANCE)
     given = {"way": subject.way, "before": subject, "relaxed": relaxed}
     return _answer(search, subject.start, solution, refiner, "relaxed problem", **given)
 
@@ -226,7 +242,7 @@ def from_timed_path(search: MotionSearch) -> MotionAnswer:
     problem, path, refiner = search.problem, search.problem.timed_path, coarse(search)
     assert path is not None
     refiner, guesses = replace(refiner, once=False), problem.with_closed(path.guesses)
-    solution = refiner.solve(explore_mesh(search), guesses, barrier=SEARCH.timed_path_barrier)
+    solution = refiner.solve(explore_mesh(search), guesses, barrier=TIMED_PATH_BARRIER)
     _report(search, path.name, solution)
     return _answer(search, path.name, solution, refiner, "timed path", way=problem.ways[0])
 
@@ -242,7 +258,7 @@ def _next_drawn(problem: MotionProblem, state: SearchState) -> TrialStart | None
         return None
     # Once a motion is known, another guess is cheaper than a slow solve.
     is_known = any(answer.solved for answer in tried)
-    limit = {"max_iterations": SEARCH.most_iterations} if is_known else {}
+    limit = {"max_iterations": MOST_ITERATIONS} if is_known else {}
     return TrialStart(guess, problem.ways[0], limit)
 
 
@@ -253,7 +269,7 @@ def _next_through_ways(problem: MotionProblem, state: SearchState) -> TrialStart
         return None
     way, guess = pair
     guess = replace(guess, guesses=problem.with_closed(guess.guesses))
-    return TrialStart(guess, way, {"max_iterations": SEARCH.most_iterations})
+    return TrialStart(guess, way, {"max_iterations": MOST_ITERATIONS})
 
 
 def _guesses(problem: MotionProblem, state: SearchState) -> Iterator[tuple[Way, InitialGuess]]:
@@ -268,7 +284,7 @@ def _guesses(problem: MotionProblem, state: SearchState) -> Iterator[tuple[Way, 
     of_ways = [a for a in state.starts if a.way is not None and a.start == a.way.name]
     best = min(of_ways, key=lambda a: (not a.solved, a.solution.duration)).way
     assert best is not None
-    further = min(SEARCH.curved_guesses, settings.starts - 1) + 1
+    further = min(CURVED_GUESSES, settings.starts - 1) + 1
     given = task.conditions.velocities
     drawn = problem.family, best.via, problem.names, further, settings.seed
     for g in initial_guesses(*drawn, moving=bool(given.any()), velocities=given):
@@ -286,9 +302,7 @@ def least_of_slower(problem: MotionProblem, state: SearchState, way: Way) -> flo
     durations = [a.solution.duration for a in state.starts if a.solved]
     exact = all(few_poses(problem.task.robot, stop) is not None for stop in problem.task.stops)
     least = least_time(problem.task, way)
-    slower = least > (1.0 if exact else SEARCH.prune_factor) * min(
-        [*durations, problem.duration_to_beat]
-    )
+    slower = least > (1.0 if exact else PRUNE_FACTOR) * min([*durations, problem.duration_to_beat])
     return least if slower else None
 
 

@@ -40,7 +40,7 @@ from microbot_ocp.planning.search._result import (
     returned,
 )
 from microbot_ocp.planning.search._search import MotionSearch, SearchState, rank
-from microbot_ocp.planning.search._settings import SEARCH, TimeOptimalSettings, reserving
+from microbot_ocp.planning.search._settings import NEAR_WAY_BARRIER, TimeOptimalSettings, reserving
 from microbot_ocp.planning.task import (
     CELL_TIME_LIMIT,
     Segment,
@@ -290,7 +290,7 @@ def _slower(search: MotionSearch, before: Fastest, factor: float) -> Fastest:
     refiner = replace(search.refiner, history=[])
     meshes = [phase.mesh for phase in solution.phases]
     guesses = search.problem.guesses(solution, factor)
-    slower = refiner.solve(meshes, guesses, barrier=SEARCH.near_way_barrier)
+    slower = refiner.solve(meshes, guesses, barrier=NEAR_WAY_BARRIER)
     slower = refiner.finished(refiner.refine(slower))
     search.progress(f"slowed down: {slower.duration:.6f} s, {slower.status}")
     if rank(search, slower)[0] is False:
