@@ -11,6 +11,8 @@ from planning.shared import VIA_Q, arm, pendulum, slider
 
 pytestmark = pytest.mark.slow
 
+FAR = [(0.0, 0.7), (0.0, 1.6), (0.0, 4.0), (1.0, 2.0), (3.0, 1.5)]  # payload, factor on the torques
+
 
 @pytest.fixture(scope="module")
 def prepared(microbot):
@@ -51,7 +53,7 @@ def test_near_the_limits_of_the_robot_a_solve_takes_few_iterations(prepared):
 @pytest.mark.thorough
 def test_a_search_finds_nothing_slower(prepared):
     quick, thorough = prepared(payload=1.5), prepared(payload=1.5, search=True)
-    assert len(thorough.provenance["starts"]) == 5
+    assert len(thorough.provenance["starts"]) == 6  # the prepared motion and five guesses
     assert thorough.duration <= quick.duration * (1 + 1e-4)
 
 
@@ -91,7 +93,8 @@ def test_what_cannot_be_done_is_not_called_solved():
     assert not motion.solved
     assert motion.status in ("infeasible", "iteration limit")
     assert "not solved" in motion.note
-    assert [start["start"] for start in motion.provenance["starts"]] == ["cubic", "straight"]
+    _, *guesses = (start["start"] for start in motion.provenance["starts"])
+    assert guesses == ["cubic", "straight"]
     assert solver().solved
 
 
@@ -219,6 +222,21 @@ def test_on_a_coarse_mesh_a_motion_from_a_moving_start_keeps_its_limits(microbot
     assert motion.remark.startswith("slowed down at limits") == slowed
     assert mo.certify(microbot, motion, limit_tolerance=6e-4).ok
     np.testing.assert_allclose([motion.q[0], motion.qd[0]], [state.q[0], state.qd[0]], atol=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("mass", "torque"), [(2.0, 1.0), *(pytest.param(*c, marks=pytest.mark.thorough) for c in FAR)]
+)
+def test_far_from_the_own_limits_a_solve_is_as_fast_as_a_cold_one(microbot, prepared, mass, torque):
+    robot = microbot.with_limits(
+        tau_min=torque * microbot.limits.tau_min, tau_max=torque * microbot.limits.tau_max
+    )
+    motion = prepared(robot.limits, mass)
+    cold = mo.time_optimal(robot.with_payload(mass), VIA_Q)
+    assert motion.solved
+    assert motion.duration <= (1.0 + 2e-4) * cold.duration
+    assert mo.certify(robot.with_payload(mass), motion, via_q=VIA_Q).ok
 
 
 def as_fast_as_cold(solver, robot, via_q):

@@ -136,7 +136,10 @@ def _tried(
     return tried, *best
 
 
-class _Start(NamedTuple):
+_Starts = Iterator[tuple[str, Solution | Mapping[str, Guess]]]
+
+
+class _StateAtStart(NamedTuple):
     """State [1,n] of the arm at the start of a motion, and the bounds that it widens.
 
     Attributes
@@ -155,7 +158,7 @@ class _Start(NamedTuple):
     tolerance: float
 
 
-def _start_of(family: LimitFamily, given: Sequence[ArrayLike]) -> _Start:
+def _start_of(family: LimitFamily, given: Sequence[ArrayLike]) -> _StateAtStart:
     if len(given) not in (2, 3):
         raise InputError(f"start must be (q, qd) or (q, qd, qdd), not {len(given)} arrays")
     count = family.robot.joint_count
@@ -182,7 +185,7 @@ def _start_of(family: LimitFamily, given: Sequence[ArrayLike]) -> _Start:
             value = values.value[0]
             bounds[key] = np.minimum(member.lower, value), np.maximum(member.upper, value)
     tolerance = min(LIMIT_TOLERANCE, TimeOptimalSettings.limit_tolerance + excess)
-    return _Start(state, complete, bounds, tolerance)
+    return _StateAtStart(state, complete, bounds, tolerance)
 
 
 class _Prepared(NamedTuple):
@@ -200,7 +203,7 @@ class TimeOptimalSolver:
     parameters. The first call solves the task with the robot's own limits as
     :func:`microbot_ocp.time_optimal` does, with fewer refinements. Every later solve starts from
     that motion and its multipliers, so that results do not depend on the order of calls; if the
-    numbers are far from the robot's own, it starts from a scaled cubic. The mesh is refined if a
+    numbers are far from the robot's own, it starts from that motion at another speed. The mesh is refined if a
     limit is exceeded between mesh points by more than a certificate tolerates, and the motion is
     slowed down if the excess is above the default ``limit_tolerance`` of
     :class:`TimeOptimalSettings`. Other via points are parameters, too: their solves start from
@@ -352,8 +355,8 @@ class TimeOptimalSolver:
             usual = prepared.smoothing if prepared else SMOOTHING
             # The cost of smoothing must stay below the solver tolerance.
             smoothing = usual * min(1.0, self._solver_settings.tolerance / PREPARED.tolerance)
-            near = prepared if self._slower(family) <= NEAR else None
-            how = problem, float(payload), smoothing, moving, near, search
+            starts = self._starts(problem, prepared, moving is not None)
+            how = problem, float(payload), smoothing, moving, starts, search
             if isinstance(self._kernels, FlatTranscription):
                 tried, name, solution = self._solved_flat(*how)
             else:
@@ -388,8 +391,8 @@ class TimeOptimalSolver:
         problem: MotionProblem,
         payload: float,
         smoothing: float,
-        moving: _Start | None,
-        near: _Prepared | None,
+        moving: _StateAtStart | None,
+        starts: _Starts,
         search: bool,
     ) -> tuple[list[tuple[str, Solution]], str, Solution]:
         """Return the solves on the first mesh, the name of the best start, and its refinement."""
@@ -406,7 +409,7 @@ class TimeOptimalSolver:
             meshes: Any = [phase.mesh for phase in first.phases] if known else COARSE_MESH
             return refiner.solve(meshes, first)
 
-        tried, name, best = _tried(self._starts(problem, near, moving is not None), solve, search)
+        tried, name, best = _tried(starts, solve, search)
         level = Level.FULL if name == "prepared" else Level.COARSE
         again, solves = replace(refiner, history=[]), tuple(refiner.history)
         given = {"solves": solves, "way": problem.ways[0], "level": level}
@@ -414,7 +417,7 @@ class TimeOptimalSolver:
         return tried, name, best_of(how, refine(how, SearchState((answer,)))).solution
 
     def _numbered(
-        self, problem: MotionProblem, payload: float, smoothing: float, moving: _Start | None
+        self, problem: MotionProblem, payload: float, smoothing: float, moving: _StateAtStart | None
     ) -> FlatTranscription:
         """Return the program with the numbers of one call."""
         assert isinstance(self._kernels, FlatTranscription)
@@ -435,8 +438,8 @@ class TimeOptimalSolver:
         problem: MotionProblem,
         payload: float,
         smoothing: float,
-        moving: _Start | None,
-        near: _Prepared | None,
+        moving: _StateAtStart | None,
+        starts: _Starts,
         search: bool,
         prepared: _Prepared | None,
     ) -> tuple[list[tuple[str, Solution]], str, Solution]:
@@ -444,7 +447,7 @@ class TimeOptimalSolver:
         solver = self._solver(prepared)
         changes = self._changes(problem, payload, smoothing, moving)
         solve = partial(_solved_near, solver, changes=changes)
-        tried, name, best = _tried(self._starts(problem, near, moving is not None), solve, search)
+        tried, name, best = _tried(starts, solve, search)
         kernels = prepared.kernels if prepared else self._kernels
         return tried, name, self._refined(problem, best, changes, kernels)
 
@@ -524,12 +527,12 @@ class TimeOptimalSolver:
         return DurationLine(name, unit, given, T, slopes, tuple(binding))
 
     def _slower(self, family: LimitFamily) -> float:
-        """Return the relative change of the typical durations by the limits of a family."""
+        """Return the typical duration under the limits of a family, relative to the own ones."""
         usual, requested = (
             TaskScale.of(limits_family, self.via_q).durations.sum()
             for limits_family in (LimitFamily.of(self.robot), family)
         )
-        return abs(requested - usual) / usual
+        return requested / usual
 
     # Concurrent first calls each build their own solver or motion, and the last one is kept: no
     # call waits for another beyond its own time limit.
@@ -573,11 +576,14 @@ class TimeOptimalSolver:
             self._own = prepared
         return prepared
 
-    def _starts(
-        self, problem: MotionProblem, near: _Prepared | None, moving: bool
-    ) -> Iterator[tuple[str, Solution | Mapping[str, Guess]]]:
-        if near is not None and near.reference.status.solved:
-            yield "prepared", near.reference
+    def _starts(self, problem: MotionProblem, prepared: _Prepared | None, moving: bool) -> _Starts:
+        """Yield the prepared motion, at another speed if the limits are far, and guesses."""
+        if prepared is not None and prepared.reference.status.solved:
+            slower = self._slower(problem.family)
+            if abs(slower - 1.0) <= NEAR:
+                yield "prepared", prepared.reference
+            else:
+                yield "prepared, at another speed", problem.guesses(prepared.reference, slower)
         count, seed = self._settings.starts, self._settings.seed
         task = problem.family, problem.via, self._phases, count, seed
         for start in initial_guesses(*task, moving=moving):
@@ -631,7 +637,7 @@ class TimeOptimalSolver:
         return solution
 
     def _changes(
-        self, problem: MotionProblem, payload: float, smoothing: float, moving: _Start | None
+        self, problem: MotionProblem, payload: float, smoothing: float, moving: _StateAtStart | None
     ) -> dict[str, Any]:
         numbers = {"payload": payload, JERK_WEIGHT: smoothing}
         size, via = problem.scale, problem.via
@@ -713,7 +719,7 @@ class TimeOptimalSolver:
 
 
 def _slowed_down(
-    problem: MotionProblem, solution: Solution, moving: _Start | None
+    problem: MotionProblem, solution: Solution, moving: _StateAtStart | None
 ) -> tuple[Motion | None, Outcome, float]:
     """Return the slowed motion if limits need it, the outcome, and the remaining excess.
 
