@@ -203,9 +203,9 @@ class TimeOptimalSolver:
     parameters. The first call solves the task with the robot's own limits as
     :func:`microbot_ocp.time_optimal` does, with fewer refinements. Every later solve starts from
     that motion and its multipliers, so that results do not depend on the order of calls; if the
-    numbers are far from the robot's own, it starts from that motion at another speed. The mesh is refined if a
-    limit is exceeded between mesh points by more than a certificate tolerates, and the motion is
-    slowed down if the excess is above the default ``limit_tolerance`` of
+    numbers are far from the robot's own, it starts from that motion at another speed. The mesh is
+    refined if a limit is exceeded between mesh points by more than a certificate tolerates, and the
+    motion is slowed down if the excess is above the default ``limit_tolerance`` of
     :class:`TimeOptimalSettings`. Other via points are parameters, too: their solves start from
     their own scaled cubic.
 
