@@ -92,25 +92,22 @@ class SolverSettings:
 
 @dataclass(frozen=True)
 class PluginSettings:
-    """Replacements of values that are not finite, and settings of warm starts.
+    """Initial barrier parameters.
 
     Attributes
     ----------
-    far : value and violation that replace infinite ones for fatrop
-    largest : largest number that counts as finite
-    cold_barrier : initial barrier parameter without multipliers: IPOPT's default
-    warm_barrier : initial barrier parameter with multipliers
-    warm_push : distance of a start with multipliers from the bounds, relative
+    cold_barrier : value without multipliers: the default of IPOPT
+    warm_barrier : value with multipliers
     """
 
-    far: float = 1e10
-    largest: float = 1e300
     cold_barrier: float = 0.1
     warm_barrier: float = 1e-7
-    warm_push: float = 1e-4
 
 
 SETTINGS = PluginSettings()
+WARM_PUSH = 1e-4  # relative distance of a start with multipliers from its bounds
+FAR = 1e10  # value and violation that replace infinite ones for fatrop
+LARGEST_FINITE = 1e300  # largest number that counts as finite
 
 # The barrier decreases slowly: with the default steps fatrop stalls on the flat minima of
 # time-optimal problems.
@@ -185,7 +182,7 @@ def create(
         options, cache = watch.hooked(options, cache)
     nlp = {**program.nlp, "f": program.nlp["f"] / program.cost_scale}
     if name == "fatrop":  # its line search would never end at values that are not finite
-        nlp = {**nlp, "f": ca.fmin(nlp["f"], SETTINGS.far), "g": ca.fmin(nlp["g"], SETTINGS.far)}
+        nlp = {**nlp, "f": ca.fmin(nlp["f"], FAR), "g": ca.fmin(nlp["g"], FAR)}
     return ca.nlpsol(name, plugin, nlp, {**common, **options, "cache": cache})
 
 
@@ -257,8 +254,8 @@ def _finite(function: ca.Function) -> ca.Function:
     for value in function.call(inputs):
         entries = value.nz[:]
         # fmin and fmax of a number and NaN return the number.
-        bounded = ca.fmax(ca.fmin(entries, SETTINGS.largest), -SETTINGS.largest)
-        bounded = ca.if_else(ca.fabs(bounded) < SETTINGS.largest, bounded, 0)
+        bounded = ca.fmax(ca.fmin(entries, LARGEST_FINITE), -LARGEST_FINITE)
+        bounded = ca.if_else(ca.fabs(bounded) < LARGEST_FINITE, bounded, 0)
         outputs.append(ca.MX(value.sparsity(), bounded))
     return ca.Function(function.name(), inputs, outputs)
 
@@ -283,7 +280,7 @@ def _ipopt(_: Program, functions: Functions, settings: SolverSettings, warm: boo
         start = {
             "warm_start_init_point": "yes",
             "mu_init": SETTINGS.warm_barrier,
-            **dict.fromkeys(WARM_PUSHES, SETTINGS.warm_push),
+            **dict.fromkeys(WARM_PUSHES, WARM_PUSH),
         }
         options = {**start, **options, **settings.options.get("ipopt warm", {})}
     return "ipopt", {"ipopt": as_ipopt_knows(options)}, cache
