@@ -252,7 +252,7 @@ def outcome(function, positional, named):
         own = [
             f
             for f in frames
-            if "microbot_ocp" in f.filename and "/argument_types.py" not in f.filename
+            if "microbot_ocp" in f.filename and not f.filename.endswith(("_types.py", "/border.py"))
         ]
         if (own and "argument" not in str(problem)) or len(own) > 1:
             return "TypeError", f"{own[-1].filename}:{own[-1].lineno}", str(problem)[:300]

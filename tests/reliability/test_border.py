@@ -9,7 +9,7 @@ import pytest
 from border_calls import _deep, declared
 
 import microbot_ocp as mo
-from microbot_ocp._base.argument_types import _checking
+from microbot_ocp._base.border import checking
 from microbot_ocp.scene import clearances
 
 ROBOT = mo.load_robot("microbot")
@@ -78,9 +78,10 @@ def test_a_fault_of_ours_stays_what_it_is():
     def broken(robot: mo.Robot, scale: float) -> float:
         return robot.nothing * scale  # type: ignore[attr-defined]
 
-    checked = _checking(broken)
-    with pytest.raises(AttributeError, match="nothing"):
+    checked = checking(broken)
+    with pytest.raises(AttributeError, match="nothing") as caught:
         checked(ROBOT, 1.0)
+    assert caught.traceback[1].name == "broken"
     with pytest.raises(mo.InputError, match="scale must be a number, not 'a'"):
         checked(ROBOT, "a")
 
@@ -93,14 +94,23 @@ def test_names_stay_what_they_are():
     assert mo.fast_call.cache_info().maxsize
 
 
-def test_objects_of_classes_that_nobody_has_named_check_their_arguments():
-    code = """
-import microbot_ocp as mo
-phase = mo.ocp.OptimalControlProblem("a").phase("b", duration=1.0)
-try:
-    phase.parameter("c", "text")
-except mo.InputError as problem:
-    print(problem)
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "value must be an array of numbers, not 'text'\n"
+@pytest.mark.parametrize(
+    ("code", "sentence"),
+    [
+        ("from microbot_ocp.motion._motion import Mark; Mark('soon', 3)", "time must be a number"),
+        ("from microbot_ocp.robot._links import Link; Link('a', mass='b')", "mass must be a"),
+        (
+            "from microbot_ocp.robot._dynamics import mass_matrix; mass_matrix('ur5e')",
+            "robot must be a Robot, not 'ur5e'; mo.load_robot(name_or_path) makes one",
+        ),
+        (
+            "import microbot_ocp as mo; "
+            "mo.ocp.OptimalControlProblem('a').phase('b', duration=1.0).parameter('c', 'text')",
+            "value must be an array of numbers, not 'text'",
+        ),
+    ],
+)
+def test_checks_apply_from_the_definition_on_whatever_was_asked_for_before(code, sentence):
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert "InputError: " in done.stderr
+    assert sentence in done.stderr.splitlines()[-1]

@@ -25,13 +25,11 @@ from typing import Any
 
 import numpy as np
 
-from microbot_ocp._base import interrupts
 from microbot_ocp._base.checks import NAME_FIRST, InputError, did_you_mean, shown
 from microbot_ocp._base.foreign_words import our_name, remedy
 
 PACKAGE = __name__.partition(".")[0]
 MOST_ENTRIES = 100_000  # longest part of a sequence whose entries are checked
-SPECIAL = ("__init__", "__call__")  # public methods whose names begin with an underscore
 UNIONS = (typing.Union, types.UnionType)
 SEQUENCES = (abc.Sequence, abc.Iterable, abc.Collection, list, tuple)
 MAPPINGS = (abc.Mapping, dict)
@@ -52,88 +50,24 @@ class UnknownArgument(InputError, TypeError):
     """An argument name that the function does not have."""
 
 
-_classes: set[type] = set()
-
-
-def checked(thing: Any, face: str) -> Any:
-    """Return a function or class of this package that checks its arguments; others unchanged.
-
-    A class is changed in place. A function is replaced by a wrapper, which the module ``face``
-    offers.
-    """
-    if not str(getattr(thing, "__module__", "")).startswith(PACKAGE):
-        return thing
-    if inspect.isclass(thing):
-        for kind in set(thing.__mro__) - _classes:
-            if kind.__module__.startswith(PACKAGE):
-                _classes.add(kind)
-                _check_methods(kind)
-        return thing
-    cached = isinstance(thing, functools._lru_cache_wrapper)
-    if not (inspect.isfunction(thing) or cached) or hasattr(thing, "_is_checked"):
-        return thing
-    function = _checking(thing, notes=not cached)
-    # Pickle looks the wrapper up in the module ``face``.
-    function.__module__, function._is_checked = face, True
-    return function
-
-
-def _check_methods(kind: type) -> None:
-    if issubclass(kind, tuple | dict | Enum | BaseException) or getattr(kind, "_is_protocol", 0):
-        return
-    settings = getattr(kind, "__dataclass_params__", None)
-    for name, member in list(vars(kind).items()):
-        if name.startswith("_") and name not in SPECIAL:
-            continue
-        if isinstance(member, classmethod | staticmethod):
-            setattr(kind, name, type(member)(_checking(member.__func__)))
-        elif inspect.isfunction(member):
-            data = settings if name == "__init__" else None
-            if data is None or (data.frozen and not hasattr(kind, "_is_answer")):
-                setattr(kind, name, _checking(member, data is not None))
-
-
-def _checking(function: Any, data: bool = False, notes: bool = False) -> Any:
-    """Return a wrapper that checks argument types after an error, or after a dataclass is made."""
-    inner = inspect.unwrap(function)
-    ours, foreign, refuse = InputError, Exception, functools.partial(_refuse, inner)
-    called = functools.partial(interrupts.obeyed, notes=notes)
-
-    # The globals of run are replaced below, so it reads no global name.
-    def run(*arguments, **named):  # type: ignore[no-untyped-def]
-        try:
-            answer = called(function, arguments, named)
-        except ours:
-            raise
-        except foreign as problem:
-            refuse(arguments, named, problem)
-            raise
-        if data:
-            refuse(arguments, named)
-        return answer
-
-    # Doctest assigns a function to the module of its globals, so the wrapper takes those of inner.
-    outer = types.FunctionType(
-        run.__code__, inner.__globals__, inner.__name__, None, run.__closure__
-    )
-    functools.update_wrapper(outer, inner)
-    for name in {"cache_clear", "cache_info"} & set(dir(function)):
-        setattr(outer, name, getattr(function, name))
-    return outer
-
-
-def _refuse(
+def refuse(
     function: Any, given: tuple[Any, ...], named: dict[str, Any], problem: Exception | None = None
 ) -> None:
-    """Raise InputError for the first argument of a wrong type."""
+    """Raise InputError for the first argument of a wrong type.
+
+    An InputError stays, unless an inner call raised it here because of a foreign error: the outer
+    call names its own argument.
+    """
+    if isinstance(problem, InputError) and problem.__cause__ is None:
+        return
     rules, positional = _rules(function)
     if isinstance(problem, TypeError):
         there = inspect.signature(function).parameters
-        for name in (name for name in named if name not in there):
+        for name in named.keys() - there.keys():
             if str(problem).endswith(f"unexpected keyword argument {name!r}"):
                 hint = our_name(name, there) or remedy(name) or did_you_mean(name, there)
                 raise UnknownArgument(f"{problem}{hint}") from None
-    for name, value in itertools.chain(zip(positional, given, strict=False), named.items()):
+    for name, value in (*zip(positional, given, strict=False), *named.items()):
         if name in rules and not rules[name][0](value):
             wanted, kind = rules[name][1], type(value).__name__
             makers = (MAKERS.get((word, kind)) for word in wanted.split())
@@ -146,14 +80,12 @@ def _rules(function: Any) -> tuple[dict[str, tuple[Fits, str]], list[str]]:
     """Return the type test of every annotated parameter, and the positional parameters."""
     names = _Names(function.__globals__, ArrayLike=np.ndarray)
     parameters = inspect.signature(function).parameters.values()
-    variable = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
     rules = {
         p.name: _rule(_evaluated(p.annotation, names))
         for p in parameters
-        if p.annotation is not p.empty and p.kind not in variable
+        if p.annotation is not p.empty and p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)
     }
-    ends = (inspect.Parameter.KEYWORD_ONLY, *variable)
-    return rules, [p.name for p in parameters if p.kind not in ends]
+    return rules, [p.name for p in parameters if p.kind <= p.POSITIONAL_OR_KEYWORD]
 
 
 class _Names(dict):
@@ -173,12 +105,9 @@ def _evaluated(annotation: Any, names: _Names) -> Any:
         return Any
 
 
-NUMBERS = (int, float, np.integer, np.floating)
-
-
 def _is_number(value: Any) -> bool:
     """Return True if numpy or Python may convert the value to a float for ``checks.number``."""
-    if isinstance(value, NUMBERS):
+    if isinstance(value, int | float | np.integer | np.floating):
         return not isinstance(value, bool)
     other = complex | np.generic | type | str | bytes  # float() would accept some of them
     return not isinstance(value, other) and _succeeds(float, value)
@@ -236,11 +165,10 @@ def _rule(hint: Any) -> tuple[Fits, str]:
         if kind in UNIONS:
             called = " or ".join(dict.fromkeys(words for _, words in rules))
             return lambda value: any(test(value) for test, _ in rules), called
+        each = f", each entry {rules[-1][1]}" if rules and rules[-1][1] else ""
         if kind in SEQUENCES:
-            each = f", each entry {rules[0][1]}" if rules and rules[0][1] else ""
             size = f" of {len(inner)}" if len(inner) > 1 and inner[1] is not Ellipsis else ""
             return lambda value: _is_sequence(value, kind, inner, rules), f"a list{size}{each}"
-        each = f", each entry {rules[-1][1]}" if rules and rules[-1][1] else ""
         return lambda value: _is_mapping(value, rules), f"a mapping{each}"
     if not inspect.isclass(kind):
         return lambda value: True, ""

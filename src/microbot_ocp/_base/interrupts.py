@@ -8,7 +8,6 @@ answer only if the answer's status says that it was interrupted.
 
 from __future__ import annotations
 
-import inspect
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -19,7 +18,8 @@ from typing import Any
 from microbot_ocp._base.status import Status
 
 # Python's own versions convert to an enumeration, which takes 20 us a call.
-_handler, _set_handler = inspect.unwrap(signal.getsignal), inspect.unwrap(signal.signal)
+_handler = getattr(signal.getsignal, "__wrapped__", signal.getsignal)
+_set_handler = getattr(signal.signal, "__wrapped__", signal.signal)
 _count = 0  # number of interrupts
 # Number of interrupts at the start of the main thread's outermost public call.
 _before: int | None = None
