@@ -121,7 +121,8 @@ def names(node: ast.AST, package: list[str]) -> list[str]:
         base = package[: len(package) - node.level + 1] + base
     if base == ["microbot_ocp"]:
         return [f"microbot_ocp.{alias.name}" for alias in node.names]
-    return [".".join(base)]
+    private = [alias.name for alias in node.names if alias.name.startswith("_")]
+    return [".".join([*base, name]) for name in private] or [".".join(base)]
 
 
 def imports_of(text: str, origin: Path) -> list[Import]:
@@ -180,6 +181,43 @@ def test_rooms_inside_of_a_folder_have_their_order(folder: str) -> None:
     rooms = {path.parent.name for path in (PACKAGE / folder).glob("*/*.py")}
     assert rooms - {"schemes"} == set(INSIDE[folder])
     assert not {f"{found.origin} imports {found.target}" for found in imports() if goes_up(found)}
+
+
+LEFT = {"ocp/solvers/_plugins.py"}  # takes LazyFunctions from ocp/transcription/_assembly.py
+
+
+def goes_behind_a_face(found: Import) -> bool:
+    """Whether a module imports from the private module of a folder that it is not in."""
+    target = found.target.split(".")
+    if target[0] != "microbot_ocp" or target[1:2] == ["_base"]:
+        return False
+    public = next((i for i, part in enumerate(target) if part.startswith("_")), len(target))
+    inside = Path(found.origin).parent.parts[: public - 1] == tuple(target[1:public])
+    return public < len(target) and not inside
+
+
+def test_rooms_are_entered_by_their_faces() -> None:
+    wrong = {(i.origin, i.target) for i in imports() if goes_behind_a_face(i)}
+    assert {origin for origin, _ in wrong} == LEFT, wrong
+
+
+@pytest.mark.parametrize(
+    ("origin", "text", "refused"),
+    [
+        ("scene/_contact.py", "from microbot_ocp.robot._capsules import LinkHull", True),
+        ("scene/_contact.py", "from microbot_ocp.robot import _capsules", True),
+        ("scene/_contact.py", "def f():\n    from ..robot._capsules import LinkHull", True),
+        ("scene/_contact.py", "import microbot_ocp.robot._capsules", True),
+        ("scene/_contact.py", "from microbot_ocp.robot import LinkHull", False),
+        ("scene/_contact.py", "from microbot_ocp.scene._pairs import Pair", False),
+        ("scene/_contact.py", "from microbot_ocp._base import _anything", False),
+        ("views/recording/_sweep.py", "from microbot_ocp.views._eye import Eye", False),
+        ("views/recording/_sweep.py", "from microbot_ocp.views.tables._results import sweep", True),
+        ("views/_studio.py", "from microbot_ocp.views.tables._results import sweep", True),
+    ],
+)
+def test_the_rule_for_faces_itself(origin: str, text: str, refused: bool) -> None:
+    assert any(goes_behind_a_face(found) for found in imports_of(text, Path(origin))) == refused
 
 
 def test_views_and_cli_are_named_by_nobody_else() -> None:

@@ -18,6 +18,8 @@ from ._history import (
     largest_jump as largest_jump,
     largest_use as largest_use,
     limit_history as limit_history,
+    orders_of as orders_of,
+    samples_of as samples_of,
 )
 from ._joint_limits import (
     JOINT_QUANTITIES as JOINT_QUANTITIES,

@@ -1,8 +1,10 @@
 """Public names, loaded on first use."""
 
 from ._capsules import (
+    LinkHull as LinkHull,
     fit_capsules as fit_capsules,
     link_capsules as link_capsules,
+    link_hull as link_hull,
 )
 from ._closed_form import (
     ClosedForm as ClosedForm,
@@ -68,6 +70,7 @@ from ._transforms import (
     of_quaternion as of_quaternion,
     rigid_transform as rigid_transform,
     rotation_of as rotation_of,
+    transform_of as transform_of,
 )
 from .files import (
     RobotFileWarning as RobotFileWarning,

@@ -19,8 +19,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.motion import Motion, pieces_of
-from microbot_ocp.robot import Capsule, Robot, dh_transform
-from microbot_ocp.robot._capsules import LinkHull
+from microbot_ocp.robot import Capsule, LinkHull, Robot, dh_transform
 from microbot_ocp.scene._contact import contact_model
 from microbot_ocp.scene._pairs import ACCURACY
 from microbot_ocp.scene._scene import Pair, Scene, with_arm_capsules

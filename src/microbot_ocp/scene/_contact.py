@@ -13,9 +13,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.fast_calls import deferred_call
 from microbot_ocp._base.needed import needed
 from microbot_ocp._base.threads import cached_in_thread
-from microbot_ocp.robot import Capsule, Robot, link_poses
-from microbot_ocp.robot._capsules import LinkHull, link_hull
-from microbot_ocp.robot._transforms import transform_of
+from microbot_ocp.robot import Capsule, LinkHull, Robot, link_hull, link_poses, transform_of
 from microbot_ocp.scene._obstacles import (
     MOST_FACES,
     Box,

@@ -22,8 +22,7 @@ from microbot_ocp._base.checks import FloatArray, InputError, naming, shown, war
 from microbot_ocp._base.messages import check_message
 from microbot_ocp._base.reading import yaml_of
 from microbot_ocp.limits import Limit, tool_speed
-from microbot_ocp.robot import Robot, link_poses, of_quaternion
-from microbot_ocp.robot._transforms import transform_of
+from microbot_ocp.robot import Robot, link_poses, of_quaternion, transform_of
 from microbot_ocp.scene._obstacles import Obstacle, solid_of
 from microbot_ocp.scene._scene import Scene, with_arm_capsules
 

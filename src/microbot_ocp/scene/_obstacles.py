@@ -25,8 +25,7 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.needed import needed
-from microbot_ocp.robot import Capsule, rigid_transform
-from microbot_ocp.robot._transforms import transform_of
+from microbot_ocp.robot import Capsule, rigid_transform, transform_of
 
 MOST_FACES = 26  # faces of a mesh in the solver; a hull with more is enclosed by this many planes
 ROUNDED = 0.05  # rounding of a mesh's corners in the solver, relative to its smallest half width

@@ -25,8 +25,7 @@ from microbot_ocp._base.schema import (
     read_table,
     table_from,
 )
-from microbot_ocp.robot import Robot, Shape, read_mesh, rotation_of
-from microbot_ocp.robot._transforms import transform_of
+from microbot_ocp.robot import Robot, Shape, read_mesh, rotation_of, transform_of
 from microbot_ocp.robot.files import read_urdf_shapes
 from microbot_ocp.scene._moveit import moveit_scene
 from microbot_ocp.scene._obstacles import KINDS, ConvexMesh, Obstacle, solid_of

@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.limits import ROUNDING, LimitFamily, MotionSamples
-from microbot_ocp.limits._history import orders_of, samples_of
+from microbot_ocp.limits import ROUNDING, LimitFamily, MotionSamples, orders_of, samples_of
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.trajectories._shortest_duration import (

@@ -24,8 +24,7 @@ from microbot_ocp.robot import JointLimits, Robot
 from microbot_ocp.views._scene import AXIS_MARGIN
 from microbot_ocp.views._style import LIMIT_LINE, LINE_WIDTH, ROW_HEIGHT, WARNING_COLOR, look
 from microbot_ocp.views.live import InteractiveTask, Setting
-from microbot_ocp.views.plots import styled
-from microbot_ocp.views.plots._page import SCREEN_DPI
+from microbot_ocp.views.plots import SCREEN_DPI, styled
 
 QUANTITIES = ("qd", "tau")
 GRAY: dict[str, Any] = {"color": "0.72", "linewidth": LINE_WIDTH}

@@ -18,6 +18,7 @@ from ._motion import (
     tracking as tracking,
 )
 from ._page import (
+    SCREEN_DPI as SCREEN_DPI,
     AxesGrid as AxesGrid,
     figure_of as figure_of,
     halo as halo,

@@ -16,7 +16,6 @@ from microbot_ocp.views._eye import Eye
 from microbot_ocp.views._style import look, rgb
 from microbot_ocp.views.recording._blueprint import eye_controls, folded, text_view
 from microbot_ocp.views.recording._writer import WORLD, file_writer
-from microbot_ocp.views.tables._results import sweep as sweep_table
 
 MOST_POINTS = 200_000  # number of points that a viewer rotates smoothly
 
@@ -51,7 +50,7 @@ def of_sweep(results: Sweep, path: str | Path) -> Path:
     radius = 0.012 * width
     with file_writer(path, layout) as writer:
         writer.static(WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-        writer.summary(sweep_table(results))
+        writer.summary(results.table())
         for name in titles:
             saved = results.savings(name.removeprefix("saved_"))[first]
             shown = placed & np.isfinite(saved)
