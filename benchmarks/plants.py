@@ -24,7 +24,7 @@ import numpy as np
 import microbot_ocp as mo
 from benchmarks.mujoco_arms import mjcf, with_small_bodies
 from benchmarks.scenes import read
-from microbot_ocp.planning import tool_poses
+from microbot_ocp.planning.search import tool_poses
 from microbot_ocp.robot import COULOMB_SMOOTHING
 
 RATE, GAIN, BOUND = 500.0, 100.0, 0.02

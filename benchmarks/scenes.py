@@ -22,7 +22,8 @@ import microbot_ocp as mo
 from microbot_ocp._base import deadline
 from microbot_ocp._base.deadline import processor_time
 from microbot_ocp.limits import LimitFamily
-from microbot_ocp.planning import check_via, legs_between, reach_of, timed_paths
+from microbot_ocp.planning.search import legs_between, timed_paths
+from microbot_ocp.planning.task import check_via, reach_of
 from microbot_ocp.scene import Surroundings
 
 ROBOTS = ("microbot", "planar_3r", "puma560", "ur5e", "panda")

@@ -16,6 +16,7 @@ import pytest
 
 import microbot_ocp
 import microbot_ocp.ocp
+import microbot_ocp.planning
 
 PACKAGE = Path(microbot_ocp.__file__).parent
 ROOT = Path(__file__).resolve().parent.parent
@@ -306,6 +307,13 @@ def test_every_public_name_is_there_and_documented(package: ModuleType) -> None:
     assert set(package.__all__) <= set(dir(package))
     for name in package.__all__:
         assert getattr(package, name).__doc__, name
+
+
+def test_planning_shows_users_no_helpers() -> None:
+    pages = "\n".join(page.read_text("utf-8") for page in (ROOT / "docs/api").glob("*.md"))
+    documented = re.findall(r"^::: microbot_ocp\.(?:planning\.)?(\w+)", pages, re.MULTILINE)
+    shown = set(dir(microbot_ocp.planning))
+    assert shown - set(microbot_ocp.__all__) - set(documented) == {"MotionIteration"}
 
 
 def test_every_name_of_the_contents_is_public() -> None:

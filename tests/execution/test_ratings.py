@@ -65,13 +65,13 @@ def test_what_is_carried_on_the_way_is_lifted(microbot):
     via = np.array([[0.0, 0.3, 0.2], [0.5, 0.8, -0.4], [0.9, 0.2, 0.1], [0.2, 0.6, 0.1]])
     loads = {1: 2.0, 2: 0.0}
     stops = [mo.Stop(q=q, payload=loads.get(k), velocity="rest") for k, q in enumerate(via)]
-    task = mo.planning.task_of(microbot, stops)
+    task = mo.planning.task.task_of(microbot, stops)
     shapes = [mo.quintic(pair, [0.0, 1.0]) for pair in pairwise(via)]
     curve = mo.motion.PiecewisePolynomial(
         np.arange(4.0), np.concatenate([shape.coefficients for shape in shapes])
     )
     marks = [mo.motion.Mark(float(k), stop.name) for k, stop in enumerate(task.stops)]
-    motion = mo.planning.motion_along(task, curve, marks, label="carried")
+    motion = mo.planning.search.motion_along(task, curve, marks, label="carried")
     found = mo.execution.ratings(microbot, motion, 0.5, via_q=stops)
     arm = [np.array(mo.energy(microbot)(q, np.zeros(3))[1]).item() for q in via]
     heights = [np.array(mo.forward_kinematics(microbot)(q))[2, 3] for q in via]

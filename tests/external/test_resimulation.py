@@ -15,7 +15,8 @@ from external.motions import FREE, among_obstacles, mutations, others, planned, 
 from external.pinocchio_model import pinocchio_model
 from microbot_ocp.certificate._task_certificate import _part
 from microbot_ocp.motion import Motion, mesh_of
-from microbot_ocp.planning import stretches, task_of
+from microbot_ocp.planning.search import stretches
+from microbot_ocp.planning.task import task_of
 from microbot_ocp.simulation import interpolated
 
 mujoco = pytest.importorskip("mujoco")

@@ -14,21 +14,18 @@ from microbot_ocp import InputError
 from microbot_ocp._base.deadline import processor_time
 from microbot_ocp._base.outcome import Outcome
 from microbot_ocp.ocp.solution import quiet
-from microbot_ocp.planning import (
+from microbot_ocp.planning.search import (
     ProvedPath,
+    _among_obstacles as among,
+    _guided as guided,
     legs_between,
     parts_of,
-    reach_of,
     scenes_of,
-    task_of,
     timed_paths,
     tool_poses,
 )
-from microbot_ocp.planning.search import (
-    _among_obstacles as among,
-    _guided as guided,
-)
 from microbot_ocp.planning.search._among_obstacles import at_least
+from microbot_ocp.planning.task import reach_of, task_of
 from microbot_ocp.scene import Surroundings, contact_model, room_along
 
 ARM = mo.load_robot("planar_3r")

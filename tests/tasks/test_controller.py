@@ -6,7 +6,8 @@ import ruckig
 
 import microbot_ocp as mo
 from microbot_ocp.motion import Mark
-from microbot_ocp.planning import Line, task_of
+from microbot_ocp.planning import Line
+from microbot_ocp.planning.task import task_of
 from microbot_ocp.tasks import controller_duration
 
 pytestmark = pytest.mark.slow

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
-from microbot_ocp.planning import PathLimit
+from microbot_ocp.planning.path import PathLimit
 from microbot_ocp.views._scene import limit_text, limit_title
 from microbot_ocp.views.plots._phase_plane import limit_name
 from microbot_ocp.views.recording import of_motion

@@ -46,7 +46,8 @@ from microbot_ocp.motion import (
     quadrature,
     torque_along,
 )
-from microbot_ocp.planning import Segment, Stop, Task, is_task, places_along, task_of
+from microbot_ocp.planning.search import places_along
+from microbot_ocp.planning.task import Segment, Stop, Task, is_task, task_of
 from microbot_ocp.robot import JointLimits, Limits, Robot, mass_matrix_condition
 from microbot_ocp.scene import Scene, clearance_along, has_coal, with_arm_capsules
 

@@ -20,7 +20,8 @@ from microbot_ocp.certificate._certificate import Certificate, LimitCheck
 from microbot_ocp.certificate._certification import Tolerances, certificate_of, summary
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import JUMP_GAP, Motion, State, jump_gaps, nearest_samples, torque_along
-from microbot_ocp.planning import Circle, JointLine, Line, Stop, Task, stretches, tool_poses
+from microbot_ocp.planning.search import stretches, tool_poses
+from microbot_ocp.planning.task import Circle, JointLine, Line, Stop, Task
 from microbot_ocp.robot import Robot, forward_kinematics, jacobian
 
 POINTS = 2001  # points of the polyline that represents a curve

@@ -19,7 +19,7 @@ from microbot_ocp.execution._profile import Profile, load_profile
 from microbot_ocp.execution._rows import CommandRows, read_rows
 from microbot_ocp.limits import ROUNDING, LimitFamily
 from microbot_ocp.motion import Motion, State, torque_along
-from microbot_ocp.planning import Segment, Task
+from microbot_ocp.planning.task import Segment, Task
 from microbot_ocp.robot import Robot, gravity_torque
 from microbot_ocp.scene import Scene
 

@@ -29,7 +29,8 @@ from microbot_ocp.motion import (
     nearest_samples,
     quintic_between,
 )
-from microbot_ocp.planning import Segment, Task, motion_along
+from microbot_ocp.planning.search import motion_along
+from microbot_ocp.planning.task import Segment, Task
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import Scene, with_arm_capsules
 

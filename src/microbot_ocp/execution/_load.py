@@ -13,7 +13,8 @@ from microbot_ocp.certificate import Tolerances
 from microbot_ocp.execution._rows import CommandRows
 from microbot_ocp.limits import JointLimits
 from microbot_ocp.motion import Motion, State, other_arm, torque_along
-from microbot_ocp.planning import Segment, Task, over_stretches, stretches, task_of
+from microbot_ocp.planning.search import over_stretches, stretches
+from microbot_ocp.planning.task import Segment, Task, task_of
 from microbot_ocp.robot import Robot
 
 

@@ -14,7 +14,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.table import Column, Table
 from microbot_ocp.execution._load import given_task, refuse_other_arm, torques_through
 from microbot_ocp.motion import Motion, State, quadrature
-from microbot_ocp.planning import Segment
+from microbot_ocp.planning.task import Segment
 from microbot_ocp.robot import Robot
 
 

@@ -21,13 +21,9 @@ from microbot_ocp.execution._check import AT_REST
 from microbot_ocp.execution._load import refuse_other_arm
 from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import JUMP_GAP, Motion, mesh_of, polynomial_of
-from microbot_ocp.planning import (
-    checked_box,
-    robust_limits as robust_limits,  # offered here beside the plants of the same parameter box
-    time_optimal,
-    tool_poses,
-)
 from microbot_ocp.planning.free import within_limits
+from microbot_ocp.planning.search import time_optimal, tool_poses
+from microbot_ocp.planning.task import checked_box, robust_limits as robust_limits
 from microbot_ocp.robot import Robot
 from microbot_ocp.simulation import Controller, track
 

@@ -4,10 +4,6 @@ from ._design import (
     Design as Design,
     design as design,
 )
-from ._quantities import (
-    Quantity as Quantity,
-)
 from ._search import (
     DesignSettings as DesignSettings,
-    Node as Node,
 )

@@ -21,7 +21,7 @@ from microbot_ocp.layout._quantities import Quantity, cell_with, quantities_of
 from microbot_ocp.layout._search import DesignSettings, LayoutSearch, Node, Solved, solved_with
 from microbot_ocp.layout._slopes import slopes
 from microbot_ocp.ocp.solution import StepProgress, quiet
-from microbot_ocp.planning import Stop, task_of, with_changes
+from microbot_ocp.planning.task import Stop, task_of, with_changes
 from microbot_ocp.robot import Robot
 from microbot_ocp.robot.files import is_robot_name
 from microbot_ocp.scene import Scene, with_arm_capsules

@@ -10,7 +10,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.planning import Stop, reach_of
+from microbot_ocp.planning.task import Stop, reach_of
 from microbot_ocp.robot import rotation_of
 from microbot_ocp.tasks import CellFile
 

@@ -20,7 +20,8 @@ from microbot_ocp._base.quasi_random import quasi_random
 from microbot_ocp.layout._quantities import Quantity, cell_with
 from microbot_ocp.layout._slopes import slopes
 from microbot_ocp.ocp.solution import StepProgress
-from microbot_ocp.planning import Circle, rested_duration
+from microbot_ocp.planning import Circle
+from microbot_ocp.planning.search import rested_duration
 from microbot_ocp.scene import clearances, guiding_pairs
 from microbot_ocp.tasks import Cell, CellFile
 

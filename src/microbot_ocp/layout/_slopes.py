@@ -18,7 +18,8 @@ from microbot_ocp._base.codegen import interpreted
 from microbot_ocp.layout._quantities import Quantity, cell_with
 from microbot_ocp.limits import JOINT_QUANTITIES, LimitFamily
 from microbot_ocp.motion import Motion
-from microbot_ocp.planning import Task, in_order, scenes_of, task_of, tool_poses
+from microbot_ocp.planning.search import in_order, scenes_of, tool_poses
+from microbot_ocp.planning.task import Task, task_of
 from microbot_ocp.scene import Scene, clearances, guiding_pairs, with_arm_capsules
 from microbot_ocp.tasks import CellFile
 

@@ -9,10 +9,6 @@ from ._controllers import (
 )
 from ._integration import (
     INTEGRATORS as INTEGRATORS,
-    ForcedEquation as ForcedEquation,
-    IntegratorSettings as IntegratorSettings,
-    fitted as fitted,
-    integrate as integrate,
 )
 from ._loops import (
     simulate as simulate,

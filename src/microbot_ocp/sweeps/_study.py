@@ -33,7 +33,8 @@ from microbot_ocp._base.schema import (
 )
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import Motion
-from microbot_ocp.planning import PathTimingSettings, TimeOptimalSettings, check_limits, check_via
+from microbot_ocp.planning import PathTimingSettings, TimeOptimalSettings
+from microbot_ocp.planning.task import check_limits, check_via
 from microbot_ocp.robot import Robot
 from microbot_ocp.sweeps._cases import Between, Cases, CaseSource, OneOf
 from microbot_ocp.sweeps._quantities import NoTask, check_name, robot_with, task_of

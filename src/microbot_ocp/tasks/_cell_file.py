@@ -32,7 +32,8 @@ from microbot_ocp._base.writing import made_folder, write_whole
 from microbot_ocp.certificate import Certificate, certify
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import StepProgress, quiet
-from microbot_ocp.planning import (
+from microbot_ocp.planning.search import TimeOptimalSettings, in_order, time_optimal
+from microbot_ocp.planning.task import (
     Circle,
     JointLine,
     Line,
@@ -40,10 +41,7 @@ from microbot_ocp.planning import (
     Segment,
     Stop,
     Task,
-    TimeOptimalSettings,
-    in_order,
     task_of,
-    time_optimal,
 )
 from microbot_ocp.robot import (
     Capsule,

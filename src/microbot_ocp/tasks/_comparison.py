@@ -23,7 +23,8 @@ from microbot_ocp.certificate import Certificate, certificate_of
 from microbot_ocp.execution import Profile, check_trials, commanded, load_profile, smallest_reserve
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import Iteration, quiet
-from microbot_ocp.planning import PathTimingSettings, TimeOptimalSettings, check_limits, check_via
+from microbot_ocp.planning import PathTimingSettings, TimeOptimalSettings
+from microbot_ocp.planning.task import check_limits, check_via
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.tasks._folder import swap_in
 from microbot_ocp.tasks._methods import METHODS, ComparedTask

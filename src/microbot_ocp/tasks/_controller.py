@@ -14,7 +14,8 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.motion import Motion, PiecewisePolynomial
-from microbot_ocp.planning import Corner, Task, tool_poses
+from microbot_ocp.planning.search import tool_poses
+from microbot_ocp.planning.task import Corner, Task
 from microbot_ocp.robot import Robot
 from microbot_ocp.trajectories import best_lspb, best_split, cubic, lspb, quintic, spline
 

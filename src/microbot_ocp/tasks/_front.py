@@ -15,7 +15,8 @@ from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp.certificate import Certificate, certify
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import StepProgress, quiet
-from microbot_ocp.planning import Segment, Stop, TimeOptimalSettings, motions_of_front, with_changes
+from microbot_ocp.planning.search import TimeOptimalSettings, motions_of_front
+from microbot_ocp.planning.task import Segment, Stop, with_changes
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.scene import Scene
 

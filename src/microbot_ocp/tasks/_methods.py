@@ -17,16 +17,10 @@ from microbot_ocp._base.outcome import Outcome
 from microbot_ocp.limits import LimitFamily, quantity_name
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial
 from microbot_ocp.ocp.solution import StepProgress
-from microbot_ocp.planning import (
-    TIME_LIMIT,
-    PathTimingSettings,
-    Task,
-    TimeOptimalSettings,
-    best_timing,
-    check_path,
-    fastest_through,
-    straight_through,
-)
+from microbot_ocp.planning.path import check_path, straight_through
+from microbot_ocp.planning.search import TimeOptimalSettings, fastest_through
+from microbot_ocp.planning.task import TIME_LIMIT, Task
+from microbot_ocp.planning.timing import PathTimingSettings, best_timing
 from microbot_ocp.robot import Robot
 from microbot_ocp.trajectories import (
     BLEND,

@@ -15,7 +15,7 @@ from microbot_ocp._base.schema import check_schema
 from microbot_ocp._base.status import Status
 from microbot_ocp.certificate import certify
 from microbot_ocp.motion import Motion
-from microbot_ocp.planning import check_limits, check_via
+from microbot_ocp.planning.task import check_limits, check_via
 from microbot_ocp.robot import Limits, Robot, load_robot, packaged_robots
 from microbot_ocp.tasks._comparison import Comparison, Entry
 from microbot_ocp.tasks._folder import INDEX, NAME, check_run

@@ -25,7 +25,6 @@ from ._through_points import (
     cubic as cubic,
     cubic_through as cubic_through,
     lspb as lspb,
-    lspb_through as lspb_through,
     quintic as quintic,
     spline as spline,
     via_points as via_points,

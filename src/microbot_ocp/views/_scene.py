@@ -60,7 +60,7 @@ def _poses(robot: Robot) -> ca.Function:
 
 def reach(robot: Robot) -> float:
     """Return the length of the stretched chain, m, which is the unit of all drawn sizes."""
-    from microbot_ocp.planning import reach_of  # a planner, which few views need
+    from microbot_ocp.planning.task import reach_of
 
     return reach_of(robot)
 

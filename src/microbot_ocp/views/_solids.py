@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp.planning import Payload, Place, parts_of, places_along, tool_poses
+from microbot_ocp.planning import Payload
+from microbot_ocp.planning.search import Place, parts_of, places_along, tool_poses
 from microbot_ocp.robot import Capsule, Robot, Shape, TriangleMesh, read_mesh
 from microbot_ocp.scene import (
     Box,

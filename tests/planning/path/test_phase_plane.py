@@ -9,7 +9,8 @@ import pytest
 
 import microbot_ocp as mo
 from microbot_ocp.motion import PiecewisePolynomial
-from microbot_ocp.planning import PathLimit, phase_plane
+from microbot_ocp.planning import phase_plane
+from microbot_ocp.planning.path import PathLimit
 from planning.shared import VIA_Q, VIA_QD, VIA_T, arm, pendulum, slider
 
 BEND = 0.5  # 1/m, of the gantry's parabola

@@ -9,11 +9,11 @@ import pytest
 import microbot_ocp as mo
 from microbot_ocp._base import deadline
 from microbot_ocp.limits import LimitFamily
-from microbot_ocp.planning import least_duration, task_of
 from microbot_ocp.planning.free import slowed_together
+from microbot_ocp.planning.search import least_duration
 from microbot_ocp.planning.search._branches import ways_through
 from microbot_ocp.planning.search._through_stops import problem_of
-from microbot_ocp.planning.task import TaskScale
+from microbot_ocp.planning.task import TaskScale, task_of
 from microbot_ocp.planning.task._segments import CircleArc, Straight, curve_limits
 from planning.shared import arm, pendulum, slider
 

@@ -11,8 +11,8 @@ import microbot_ocp as mo
 from helpers import sampled
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import PiecewisePolynomial
-from microbot_ocp.planning import corners, phase_plane, straight_path, time_optimal_path
-from microbot_ocp.planning.path import stops
+from microbot_ocp.planning import phase_plane, straight_path, time_optimal_path
+from microbot_ocp.planning.path import corners, stops
 from planning.shared import ARM_VIA, VIA_Q, VIA_QD, VIA_T, arm, dense_excess, pendulum, slider
 
 REPORT_CUBIC = mo.cubic(VIA_Q, VIA_T, VIA_QD)

@@ -4,12 +4,6 @@ from ._assembly import (
     Program as Program,
     assemble as assemble,
 )
-from ._kernels import (
-    Kernel as Kernel,
-    Kernels as Kernels,
-    interpolated_variables as interpolated_variables,
-    joined as joined,
-)
 from ._layout import (
     Bounds as Bounds,
     PhaseLayout as PhaseLayout,
@@ -28,7 +22,6 @@ from ._table import (
     IntArray as IntArray,
     Label as Label,
     TableEntry as TableEntry,
-    limits_of as limits_of,
 )
 from ._transcription import (
     AnyProblem as AnyProblem,

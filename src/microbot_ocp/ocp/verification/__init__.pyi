@@ -4,7 +4,6 @@ from ._certificate import (
     Arc as Arc,
     Costates as Costates,
     CostCheck as CostCheck,
-    Curvature as Curvature,
     Hamiltonian as Hamiltonian,
     OCPCertificate as OCPCertificate,
     OCPLimitUse as OCPLimitUse,
@@ -22,13 +21,11 @@ from ._hamiltonian import (
     costates_of as costates_of,
 )
 from ._judgement import (
-    Failure as Failure,
     Judgement as Judgement,
     judge as judge,
     verify as verify,
 )
 from ._limits import (
-    SideRun as SideRun,
     dense_phase as dense_phase,
     limit_uses as limit_uses,
     relative_excess as relative_excess,
@@ -44,6 +41,4 @@ from ._reintegration import (
     interval_errors as interval_errors,
     mesh_states as mesh_states,
     point_values as point_values,
-    state_weights as state_weights,
-    transitions as transitions,
 )

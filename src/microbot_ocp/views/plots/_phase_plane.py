@@ -13,7 +13,8 @@ from matplotlib.patches import Patch
 from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.limits import JOINT_QUANTITIES, quantity_name
 from microbot_ocp.motion import PiecewisePolynomial
-from microbot_ocp.planning import PathLimit, PhasePlane, phase_plane as make_plane
+from microbot_ocp.planning import PhasePlane, phase_plane as make_plane
+from microbot_ocp.planning.path import PathLimit
 from microbot_ocp.robot import Robot
 from microbot_ocp.views._scene import limit_text
 from microbot_ocp.views._style import (

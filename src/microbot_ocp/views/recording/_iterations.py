@@ -17,7 +17,7 @@ import rerun.blueprint as rrb
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.solution import Iteration, PhaseSolution
-from microbot_ocp.planning import MotionIteration
+from microbot_ocp.planning.free import MotionIteration
 from microbot_ocp.tasks import Step
 from microbot_ocp.views import _palette as palette, _scene as scene
 from microbot_ocp.views._eye import find_eye
