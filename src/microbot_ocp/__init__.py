@@ -12,6 +12,8 @@ if os.path.basename(sys.argv[0] if sys.argv else "").startswith("microbot-ocp"):
     signal.signal(signal.SIGINT, lambda *_: os._exit(130))
 
 from microbot_ocp._base import border
-from microbot_ocp.views import _registered as _registered  # results look their views up there
 
 __getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)
+
+# Results look their views up there; its functions are public, so the face goes first.
+from microbot_ocp.views import _registered as _registered  # noqa: E402

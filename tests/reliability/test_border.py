@@ -6,7 +6,7 @@ import sys
 import casadi as ca
 import numpy as np
 import pytest
-from border_calls import _deep, declared
+from border_calls import _deep, declared, public
 
 import microbot_ocp as mo
 from microbot_ocp._base.border import checking
@@ -72,6 +72,15 @@ def test_the_sentence_names_the_argument(call, words):
 def test_python_refuses_what_does_not_fit_the_signature():
     with pytest.raises(TypeError, match="unexpected keyword argument 'nothing'"):
         mo.solve_ik(ROBOT, [3, -1, 4.5], nothing=1)
+
+
+def test_every_function_of_the_pages_checks_its_arguments():
+    functions = {
+        name: thing for name, thing in public().items() if name.rpartition(".")[2].islower()
+    }
+    unchecked = {name for name, thing in functions.items() if not hasattr(thing, "_is_checked")}
+    assert len(functions) > 100
+    assert unchecked == set()
 
 
 def test_a_fault_of_ours_stays_what_it_is():

@@ -133,7 +133,6 @@ def _of(*kinds: type) -> Fits:
     return lambda value: isinstance(value, kinds) and (bool in kinds or type(value) is not bool)
 
 
-NOTHING = (lambda value: value is None, "None")
 PLAIN: dict[Any, tuple[Fits, str]] = {
     float: (_is_number, "a number"),
     int: (_of(int, np.integer), "a whole number"),
@@ -141,8 +140,7 @@ PLAIN: dict[Any, tuple[Fits, str]] = {
     str: (_of(str), "text"),
     Path: (_of(os.PathLike), "a path"),
     np.ndarray: (_is_array, "an array of numbers"),
-    types.NoneType: NOTHING,
-    None: NOTHING,
+    types.NoneType: (lambda value: value is None, "None"),
     abc.Callable: (callable, "a function"),
 }
 
@@ -191,9 +189,8 @@ def _is_ours(value: Any, kind: Any) -> bool:
 
 
 def _can_be(kind: Any, value: Any) -> bool:
-    return isinstance(value, kind) or (
-        kind.__name__ in ("SX", "MX", "DM") and _succeeds(kind, value)
-    )
+    made = kind.__name__ in ("SX", "MX", "DM") and _succeeds(kind, value)
+    return made or isinstance(value, kind)
 
 
 def _is_mapping(value: Any, rules: list[tuple[Fits, str]]) -> bool:

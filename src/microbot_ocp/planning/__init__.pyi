@@ -21,6 +21,7 @@ from .task import (
     Line as Line,
     Payload as Payload,
     Stop as Stop,
+    robust_limits as robust_limits,
 )
 from .timing import (
     PathTimingSettings as PathTimingSettings,

@@ -3,6 +3,6 @@
 ``plots`` needs matplotlib, ``recording`` needs rerun, ``tables`` needs rich.
 """
 
-import lazy_loader
+from microbot_ocp._base import border
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = border.attach_stub(__name__, __file__)
