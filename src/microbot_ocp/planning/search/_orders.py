@@ -205,8 +205,12 @@ def rest_duration_of(task: Task, durations: Sequence[float | None]) -> float:
     return sum(duration or 0.0 for duration in durations) + float(task.dwells.sum())
 
 
-def optimistic_duration_of(task: Task, durations: Sequence[float | None]) -> float:
+def optimistic_duration_of(
+    task: Task, durations: Sequence[float | None], share: float = OPTIMISTIC_SHARE
+) -> float:
     """Return an estimate from below of a motion's duration, s, from its rest-to-rest timings.
+
+    A segment of the motion takes at least a share of its timing.
 
     Segments without rest between them take at least the root of the sum of their squares: at a
     constant acceleration along a straight line the squares of durations are proportional to
@@ -214,7 +218,7 @@ def optimistic_duration_of(task: Task, durations: Sequence[float | None]) -> flo
     """
     runs: list[list[float]] = [[]]
     for k, duration in enumerate(durations):
-        runs[-1].append(OPTIMISTIC_SHARE * (duration or 0.0))
+        runs[-1].append(share * (duration or 0.0))
         if task.at_rest(k + 1):
             runs.append([])
     if task.cycle and not task.at_rest(0) and len(runs) > 1:

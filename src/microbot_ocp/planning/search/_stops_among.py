@@ -118,16 +118,22 @@ class GuidedWay(NamedTuple):
     ----------
     way : Way
     shapes : dict of str to PiecewisePolynomial
-        Timed path of every free segment, from rest to rest.
+        Path of every free segment, timed from rest to rest under the limits of reachability.
     durations : list of float or None
         Duration of every segment, s; None if its timing failed.
     name : str
+    legs : list of Leg or None
+        Leg of every free segment.
+    choice : int
+        Number of its path on every leg.
     """
 
     way: Way
     shapes: dict[str, PiecewisePolynomial]
     durations: list[float | None]
     name: str
+    legs: list[Leg | None]
+    choice: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +183,7 @@ class _OrderAmongObstacles:
         for guide in self._guided:
             shapes = self._legs.at_rest(task, guide)
             rows = zip(task.robots, shapes, strict=True)
-            if not all(_keeps_limits(robot, shape) for robot, shape in rows):
+            if not shapes or not all(_keeps_limits(robot, shape) for robot, shape in rows):
                 continue
             motion = _joined(task, guide.way, shapes)
             proof = clearance_along(places_along(task, motion, self._scene), motion)
@@ -225,8 +231,8 @@ class _OrderAmongObstacles:
         The best coarse answer is refined; if it leads to no motion that is proved to keep clear,
         the next one follows.
         """
-        fallback = self._fallback if self._guided else None
         front, proofs, taken = self._found(front_of)
+        fallback = None if self._beats_paths(front, proofs) else self._fallback
         branches = [] if taken is None else self._branches(taken)
         judged: list[tuple[float, Motion]] = []
         for place, ((effort, motion), proof) in enumerate(zip(front[0], proofs, strict=True)):
@@ -266,11 +272,35 @@ class _OrderAmongObstacles:
             given = {"duration": motion.duration, "solved": solved, "front": front}
             return [replace(guided, level=Level.FINISHED, proofs=proofs, **given)]
 
-        first = [_Guided(guide, least_time(self.task, guide.way)) for guide in self._guided]
-        best = min(best_first(first, raised), key=lambda guided: guided.rank, default=None)
+        best = min(
+            best_first(map(self._candidate, self._guided), raised),
+            key=lambda guided: guided.rank,
+            default=None,
+        )
         if best is None:
             return ([], ""), [], None
         return best.front, best.proofs, best.guide.way
+
+    def _beats_paths(self, front: Front, proofs: Sequence[Clearance | None]) -> bool:
+        """Return True if the first motion is solved, clear, and faster than any timed path."""
+        if not front[0] or not front[0][0][1].solved:
+            return False
+        return (
+            proofs[0] is not None
+            and proofs[0].proved
+            and (front[0][0][1].duration <= self.rest_duration)
+        )
+
+    def _candidate(self, guide: GuidedWay) -> _Guided:
+        """Return a path around obstacles as a candidate.
+
+        The fastest path of each way through the branches may be far faster than its timing from
+        rest to rest, and is bounded by velocities; another path of the way must be timed faster.
+        """
+        if guide is next(other for other in self._guided if other.way is guide.way):
+            return _Guided(guide, least_time(self.task, guide.way))
+        timed = optimistic_duration_of(self.task, guide.durations, share=1.0)
+        return _Guided(guide, timed - float(self.task.dwells.sum()))
 
     def _branches(self, taken: Way) -> list[dict[str, Any]]:
         """Return the coarse duration of every way through the branches, the taken one first."""
@@ -449,7 +479,7 @@ class LegPlanner:
             if guides and (deadline.over() or len(guides) == MOST_GUESSES):
                 break
             usual = self._usual(task, way)
-            motions = [leg and leg.motion(choice) for leg in legs]
+            motions = [leg and leg.guess(choice) for leg in legs]
             if any(leg and not motion for leg, motion in zip(legs, motions, strict=True)):
                 continue
             shapes = {
@@ -464,7 +494,7 @@ class LegPlanner:
                 total, (rest_duration_of(task, g.durations) for g in guides if g.way is way)
             ):
                 name = f"{way.name}, around {len(guides) + 1}"
-                guides.append(GuidedWay(way, shapes, durations, name))
+                guides.append(GuidedWay(way, shapes, durations, name, legs, choice))
                 self._progress(f"{way.name}: {total:.4f} s around the obstacles from rest to rest")
         return sorted(guides, key=lambda guide: rest_duration_of(task, guide.durations))
 
@@ -475,13 +505,23 @@ class LegPlanner:
         return segment_timings(task, way, self._settings.compiled)
 
     def at_rest(self, task: Task, guide: GuidedWay) -> list[PiecewisePolynomial]:
-        """Return every segment of a guide from rest to rest; tool lines keep their own paths."""
-        names, shapes = phase_names(len(task.segments)), []
-        for k, (name, usual) in enumerate(zip(names, self._usual(task, guide.way), strict=True)):
-            shape = guide.shapes.get(name, usual)
-            if name not in guide.shapes and not (usual and _keeps_limits(task.robots[k], usual)):
-                shape = _unhindered(task, guide.way, k)
-            shapes.append(shape)
+        """Return every segment of a guide from rest to rest, with its best timing.
+
+        Tool lines keep their own paths. The list is empty if a path has no timing.
+        """
+        shapes: list[PiecewisePolynomial] = []
+        for k, (leg, usual) in enumerate(
+            zip(guide.legs, self._usual(task, guide.way), strict=True)
+        ):
+            if leg is not None:
+                motion = leg.motion(guide.choice)
+                if motion is None:
+                    return []
+                shapes.append(polynomial_of(motion))
+            elif usual and _keeps_limits(task.robots[k], usual):
+                shapes.append(usual)
+            else:
+                shapes.append(_unhindered(task, guide.way, k))
         return shapes
 
 
