@@ -42,7 +42,12 @@ from microbot_ocp.ocp.solution import (
     unpack,
 )
 from microbot_ocp.ocp.solvers._ldl import asks_for_ldl, without_ldl
-from microbot_ocp.ocp.solvers._plugins import SETTINGS, WARM_PUSHES, SolverSettings
+from microbot_ocp.ocp.solvers._plugins import (
+    COLD_BARRIER,
+    LEAST_WARM_BARRIER,
+    WARM_PUSHES,
+    SolverSettings,
+)
 from microbot_ocp.ocp.solvers._run import (
     Runner,
     SolverOutcome,
@@ -279,7 +284,7 @@ def warm_barrier(settings: SolverSettings, program: Program, start: StartingPoin
     multipliers = np.concatenate([data["lam_x0"], data["lam_g0"]])
     mean = complementarity(program, start.x, program.row_values(start.x), multipliers)
     # The mean complementarity is the barrier parameter of the central path through the start.
-    barrier = np.clip(mean, SETTINGS.warm_barrier, SETTINGS.cold_barrier)
+    barrier = np.clip(mean, LEAST_WARM_BARRIER, COLD_BARRIER)
     return float(10.0 ** np.floor(np.log10(barrier)))
 
 
@@ -292,7 +297,7 @@ def last_barrier(program: Program, settings: SolverSettings, x: FloatArray) -> f
     size = cost_size(program.cost(x), program.cost_scale)
     if np.isfinite(settings.gap):
         return _complementarity(program, settings.gap * size)
-    return _complementarity(program, ROUGH_GAP * size, SETTINGS.warm_barrier)
+    return _complementarity(program, ROUGH_GAP * size, LEAST_WARM_BARRIER)
 
 
 def _rank(status: Status) -> int:

@@ -90,21 +90,8 @@ class SolverSettings:
         return {**asdict(self), "options": {k: dict(v) for k, v in self.options.items()}}
 
 
-@dataclass(frozen=True)
-class PluginSettings:
-    """Initial barrier parameters.
-
-    Attributes
-    ----------
-    cold_barrier : value without multipliers: the default of IPOPT
-    warm_barrier : value with multipliers
-    """
-
-    cold_barrier: float = 0.1
-    warm_barrier: float = 1e-7
-
-
-SETTINGS = PluginSettings()
+COLD_BARRIER = 0.1  # first barrier parameter without multipliers, the default of IPOPT
+LEAST_WARM_BARRIER = 1e-7  # least first barrier parameter with multipliers
 WARM_PUSH = 1e-4  # relative distance of a start with multipliers from its bounds
 FAR = 1e10  # value and violation that replace infinite ones for fatrop
 LARGEST_FINITE = 1e300  # largest number that counts as finite
@@ -279,7 +266,7 @@ def _ipopt(_: Program, functions: Functions, settings: SolverSettings, warm: boo
     if warm:
         start = {
             "warm_start_init_point": "yes",
-            "mu_init": SETTINGS.warm_barrier,
+            "mu_init": LEAST_WARM_BARRIER,
             **dict.fromkeys(WARM_PUSHES, WARM_PUSH),
         }
         options = {**start, **options, **settings.options.get("ipopt warm", {})}
