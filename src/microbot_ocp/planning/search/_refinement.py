@@ -388,6 +388,12 @@ def split_where_exceeded(search: MotionSearch, subject: MotionAnswer) -> MotionA
         usual = _at_most(refiner.settings, SMOOTHING_ITERATIONS)
         foresight = FORESIGHT if refiner.rough else LEAST_FORESIGHT
         refiner = replace(refiner, foresight=foresight, settings=usual)
+        if len(search.problem.names) <= MANY_PHASES and not search.problem.is_flat:
+            # With states the full tolerance is cheap at once, and a second refinement is rare.
+            least = _at_most(usual, USUAL_ITERATIONS)
+            given = {"settings": least, "rough": None, "foresight": LEAST_FORESIGHT}
+            exact = replace(refiner, once=True, **given)
+            best = exact.refine(best, **marks)
     if search.problem.is_rated:
         # The last refinement of a mesh gains almost nothing and may take a thousand iterations.
         refiner = replace(refiner, once=True, settings=_at_most(refiner.settings, USUAL_ITERATIONS))
@@ -414,7 +420,7 @@ def last_digits(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
     if search.problem.timed_path is None:
         solution = refiner.finished(solution)
     elif loose and search.worst(solution) <= search.settings.limit_tolerance:
-        solution = refiner.polished(solution, refiner.rounds)
+        solution = refiner.polished(solution)
     given = _kept(search, solution)
     return _finer(subject, LAST_DIGITS, Level.FINISHED, solution, refiner, **given)
 
