@@ -199,6 +199,7 @@ def test_a_file_is_whole_at_its_own_rate(microbot, tmp_path, profile, fields):
     assert mo.check(microbot, path, profile).ok
 
 
+@pytest.mark.thorough
 def test_efforts_without_gravity(panda, tmp_path):
     motion = shape(panda, "panda", 1)
     path = motion.export(tmp_path / "a.csv", profile="panda", robot=panda)

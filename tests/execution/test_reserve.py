@@ -70,6 +70,7 @@ def test_dry_friction_that_turns_over_is_no_reason_to_call_an_arm_lost():
     assert found.solved, found.table()
 
 
+@pytest.mark.thorough
 def test_no_reserve_keeps_what_the_controller_does_not(microbot):
     plants = mo.execution.differing_plants(microbot, mass=0.2, count=0)
     shape = mo.quintic(VIA_Q[[0, 2]], [0.0, 4.0])

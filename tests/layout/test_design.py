@@ -309,6 +309,7 @@ def test_toml_text_is_read_back():
     assert parsed(toml_text(data)) == data
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_a_saved_design_is_the_cell_with_the_new_numbers(tmp_path):
     (tmp_path / "new").mkdir()

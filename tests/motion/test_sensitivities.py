@@ -156,6 +156,7 @@ def test_of_a_payload_under_limits_of_the_torque_rate_and_the_power():
     assert slopes.payload_mass == pytest.approx(found, rel=0.02)
 
 
+@pytest.mark.thorough
 def test_along_a_line(solver):
     line = solver.along("payload", [0.0, 0.02, 0.04])
     steps = np.diff(line.duration) / 0.02

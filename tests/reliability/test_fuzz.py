@@ -28,6 +28,7 @@ anything = st.recursive(
 )
 
 
+@pytest.mark.thorough
 @settings(
     max_examples=CASES, deadline=10_000, suppress_health_check=list(HealthCheck), database=None
 )

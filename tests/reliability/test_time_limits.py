@@ -127,6 +127,7 @@ def test_a_prepared_solver_keeps_its_limit_and_goes_on():
     assert solver().solved
 
 
+@pytest.mark.thorough
 def test_a_simulation_that_is_stopped_has_what_it_reached():
     t = np.linspace(0, 80_000, 800_000)  # takes twenty times the last of the limits
     for limit in (0.1, 0.4, 1.6):  # a loaded machine reaches nothing in the first

@@ -601,6 +601,7 @@ MOVED = [
 ]
 
 
+@pytest.mark.thorough
 def test_a_part_is_an_obstacle_where_it_was_put_down() -> None:
     far = mo.Scene([mo.Box([0.1, 0.1, 0.3], [-0.9, 0, 0], "box")])
     settings = {"mesh": 10, "starts": 1, "limit_tolerance": 0.01, "compiled": False}

@@ -100,6 +100,7 @@ class Reader(HTMLParser):
         self.text += data
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_one_file_to_send_has_words_table_film_figures_and_verdicts(comparison, tmp_path):
     robot = replace(mo.load_robot("planar_2r"), name="<b>arm & co")

@@ -411,6 +411,7 @@ def test_where_optima_are_near_the_best_of_several_is_kept_and_it_is_said():
     assert "One of several local optima" in solution.advice
 
 
+@pytest.mark.thorough
 def test_a_solver_that_is_ended_leaves_its_last_iterate(monkeypatch):
     def and_goes_on(solver, arguments):
         solver(**arguments)

@@ -11,7 +11,14 @@ from planning.shared import VIA_Q, arm, pendulum, slider
 
 pytestmark = pytest.mark.slow
 
-FAR = [(0.0, 0.7), (0.0, 1.6), (0.0, 4.0), (1.0, 2.0), (3.0, 1.5)]  # payload, factor on the torques
+FAR = [
+    (2.0, 1.0),
+    (0.0, 0.7),
+    (0.0, 1.6),
+    (0.0, 4.0),
+    (1.0, 2.0),
+    (3.0, 1.5),
+]  # payload, factor on the torques
 
 
 @pytest.fixture(scope="module")
@@ -224,10 +231,8 @@ def test_on_a_coarse_mesh_a_motion_from_a_moving_start_keeps_its_limits(microbot
     np.testing.assert_allclose([motion.q[0], motion.qd[0]], [state.q[0], state.qd[0]], atol=1e-6)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("mass", "torque"), [(2.0, 1.0), *(pytest.param(*c, marks=pytest.mark.thorough) for c in FAR)]
-)
+@pytest.mark.thorough
+@pytest.mark.parametrize(("mass", "torque"), FAR)
 def test_far_from_the_own_limits_a_solve_is_as_fast_as_a_cold_one(microbot, prepared, mass, torque):
     robot = microbot.with_limits(
         tau_min=torque * microbot.limits.tau_min, tau_max=torque * microbot.limits.tau_max

@@ -49,6 +49,7 @@ def free(request):
     return robot, via_q, mo.time_optimal(robot, via_q, **QUICK)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_free_motions_leave_from_the_torques_that_hold_the_arm(free):
     robot, _, motion = free

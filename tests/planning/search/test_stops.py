@@ -228,6 +228,7 @@ def test_every_branch_is_tried_and_told(two_links, cut):
     assert min(entry["duration"] for entry in branches) == branches[0]["duration"]
 
 
+@pytest.mark.thorough
 def test_an_arc_goes_through_its_point(two_links):
     start, end, radius = np.array([1.4, -0.4, 0.0]), np.array([1.4, 0.4, 0.0]), 0.4
     stops = [Stop(position=start), Stop(position=end)]

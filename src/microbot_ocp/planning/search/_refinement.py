@@ -389,7 +389,7 @@ def split_where_exceeded(search: MotionSearch, subject: MotionAnswer) -> MotionA
         foresight = FORESIGHT if refiner.rough else LEAST_FORESIGHT
         refiner = replace(refiner, foresight=foresight, settings=usual)
         if len(search.problem.names) <= MANY_PHASES and not search.problem.is_flat:
-            # With states the full tolerance is cheap at once, and a second refinement is rare.
+            # A program with states is solved to the full tolerance at once.
             least = _at_most(usual, USUAL_ITERATIONS)
             given = {"settings": least, "rough": None, "foresight": LEAST_FORESIGHT}
             exact = replace(refiner, once=True, **given)
