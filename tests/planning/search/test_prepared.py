@@ -11,14 +11,8 @@ from planning.shared import VIA_Q, arm, pendulum, slider
 
 pytestmark = pytest.mark.slow
 
-FAR = [
-    (2.0, 1.0),
-    (0.0, 0.7),
-    (0.0, 1.6),
-    (0.0, 4.0),
-    (1.0, 2.0),
-    (3.0, 1.5),
-]  # payload, factor on the torques
+# Payload, kg, and factor on the torques
+FAR = [(2.0, 1.0), (0.0, 0.7), (0.0, 1.6), (0.0, 4.0), (1.0, 2.0), (3.0, 1.5)]
 
 
 @pytest.fixture(scope="module")
