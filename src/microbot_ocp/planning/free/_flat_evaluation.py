@@ -50,6 +50,8 @@ class FlatEvaluation:
         # Rates belong to the starts and to the middles of intervals, alternately.
         self._rated = np.flatnonzero((rows.of_rates >= 0).any(axis=1))
         self._inside = self._rated[::2, None] + np.arange(PLACES.size)
+        # A row of a rate is a difference of torques over the actual, relative to the typical
+        # duration: see the bounds of rows.
         typical = form.scales.durations[rows.phase[self._rated]]
         self._rate_factor = typical[:, None] / form.scales.change[form.torques]
         self._jerks = np.nonzero(rows.of_jerks >= 0)
@@ -151,6 +153,8 @@ class FlatEvaluation:
             for place, points in enumerate(self._inside.T):
                 weights[np.ix_(points, form.torques)] += of_torques[:, place]
         of_jerks[self._jerks] = lam[jerks] / form.scales.jerk[self._jerks[1]]
+        # Second derivatives of all rows at a point come from one weighted sum, equation (3) of
+        # docs/theory/flat.md.
         gradient, blocks = self._called("curvature", weights)
         by_motion = np.zeros((form.points, ORDERS, form.joints))
         by_motion[self._motion[1], self._motion[0], self._motion[2]] = (

@@ -160,6 +160,7 @@ class FlatLayout:
         ends += [(self.intervals, layout.nodes[index + 1], "final")] if last else []
         for interval, (q, v, before, after), kind in ends:
             a = before if kind == "final" else after
+            # Names are those of the program with states, so that advice and slopes read alike.
             parts = [(kind, "q", q), ("state", "qd", v), ("control", "qdd", a)]
             # A via point with a jump has two accelerations, one for each side.
             if before != after and index > 0:

@@ -134,11 +134,14 @@ def flat_rows(
             inner = slice(first + step, last, step)
             low, high = family.robot.limits.bounds(key)
             of_motion[inner, order] = (low < high) & (np.isfinite(low) | np.isfinite(high))
+        # A rate is limited at both ends of an interval: at its first point and, for its end, at its
+        # middle.
         begins[first:last] = True
         first = last + 1
     of_rates = begins[:, None] & np.ones(rated.size, dtype=bool)
     starts = np.zeros(points, dtype=bool)
     for windows in layout.windows:
+        # A jerk belongs to an interval, so its row stands at the first point.
         starts[windows.points[:, 0]] = True
     of_jerks = starts[:, None] & jerked
     numbers: list[IntArray] = []
@@ -261,6 +264,7 @@ def _add_window(
     used = (weights != 0.0).any(axis=2)  # [K,L,M]
 
     def put(number: IntArray, at: IntArray, kept: np.ndarray | bool = True) -> None:
+        # Entries of rows that do not exist, and of unknowns without weight, have no place.
         jacobian.add(number, at, (number != NOWHERE) & kept)
 
     at_points, of_motion = rows.at_points[points], rows.of_motion[points]

@@ -149,6 +149,8 @@ def _parts(robot: Robot, key: str, state: list[ca.SX], held: list[ca.SX]) -> Ite
         bounds = robot.limits.bounds("tau")
         scale = finite_scale(*bounds)
         names, labels = [(key, k, "") for k in range(n)], ["torque"] * n
+        # Derivatives of recursive Newton-Euler have, from six joints on, half of the operations
+        # of automatic differentiation (robot/_torque_derivatives.py).
         own, weight = torque_derivatives(robot, payload=bool(held)), ca.SX.sym("weight", n)
         if own is not None:
             value, jacobian = own[0](*state, *held)

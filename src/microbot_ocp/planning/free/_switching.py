@@ -59,6 +59,7 @@ def in_arcs(
     """
     marks = motion.marks
     via = motion.sample([mark.time for mark in marks]).q
+    # The mesh solution gives the order of the arcs; their times become unknowns.
     exact = _solved(held, via, guesses, progress)
     record = {**exact.as_dict(), "duration": exact.cost}
     with_record = replace(motion, provenance={**motion.provenance, "switching_times": record})
@@ -128,6 +129,8 @@ def _polynomial_of(exact: SwitchingTimes) -> PiecewisePolynomial:
             assert layout is not None
             assert phase.stages is not None
             count = phase.mesh.size - 1
+            # Collocation of degree 3 is interpolated inside of its intervals, so several quintics
+            # follow it closely.
             k = np.repeat(np.arange(count), places.size)
             values = layout.interpolated(phase.stages, k, np.tile(places, count))
             state = [values[key].reshape(count, places.size, -1) for key in State._fields]
@@ -138,6 +141,8 @@ def _polynomial_of(exact: SwitchingTimes) -> PiecewisePolynomial:
             steps = np.repeat(np.diff(phase.t) / PIECES, PIECES)
             pieces.append(quintic_between(ends[0], ends[1], steps))
             breaks.append(start + np.cumsum(steps))
+            # The sum of many steps differs from the duration by rounding: the last break is the end
+            # itself.
             start += phase.duration
             breaks[-1][-1] = start
     return PiecewisePolynomial(np.concatenate(breaks), np.concatenate(pieces))

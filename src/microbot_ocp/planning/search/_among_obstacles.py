@@ -173,6 +173,8 @@ class Leg:
         straight = any(candidate.name == "straight" for candidate in routes)
         if number < self.searches or straight or (number >= FIRST_SEARCHES and self.first_motion):
             return
+        # A straight path that is free, or a motion after the first searches, makes further ones
+        # needless: see above.
         self.searches = number + 1
         candidate = detour(self.around, self.start, self.goal, self.settings.seed, number)
         if candidate.path is None:
@@ -181,6 +183,8 @@ class Leg:
             return
         family = LimitFamily.of(self.around.robot)
         way = WayAround(family, self.settings, candidate)
+        # The first way gives a certified motion as soon as possible; its best timing may take
+        # longer than the search for others.
         if self.first_motion is None:
             self.first_motion = way.kept or _resting_at_corners(family, candidate)
         if self.first_motion is None:
@@ -211,6 +215,8 @@ class Leg:
 def _resting_at_corners(family: LimitFamily, way: Detour) -> Motion | None:
     """Return a motion along a polyline that rests at its corners; None if limits forbid it."""
     robot: Robot = family.robot
+    # A quintic from rest to rest has zero velocity at both ends, so the polyline is followed
+    # exactly and keeps the proof of the path.
     assert way.corners is not None
     ends = itertools.pairwise(way.corners)
     shapes = [quintic(pair, [0.0, 1.0], np.zeros((2, robot.joint_count))) for pair in ends]
@@ -242,6 +248,8 @@ def search_legs(
                 leg.search(number, progress)
                 if deadline.over():
                     return
+            # One complete way ends the searches; without one they go on, because a path may be
+            # found by the next seed.
             is_there = any(all(leg.first_motion for leg in legs) for legs in ways)
             if is_there and number + 1 >= searches:
                 return
@@ -250,6 +258,8 @@ def search_legs(
 def choices_of(legs: Sequence[Leg]) -> range:
     """Return the numbers of the ways along all legs; empty if a leg has no way."""
     there = all(leg.first_motion for leg in legs)
+    # Choice k takes the k-th path of every leg: all combinations of n legs with k paths would be
+    # k^n.
     return range(max((len(leg.ways) for leg in legs), default=1) if there else 0)
 
 
@@ -336,6 +346,7 @@ def fastest_among(
         "planning_time": planned - begin,
     }
     if paths or below is not None:
+        # Processor time, which does not depend on other programs of the machine.
         more["first_certified"] = legs[0].certified - begin_processor
         fallback = min(paths, key=lambda path: path.motion.duration, default=None)
         is_fallback = any(path.motion is search for path in proved_paths)
@@ -376,6 +387,7 @@ def _outcome_of(fallback: ProvedPath, motion: Motion | None, proof: Clearance | 
         return Outcome.of(deadline.status())
     outcome, ledger = motion.outcome, motion.outcome.ledger.discarded()
     is_timed_path = "made_from" not in fallback.motion.provenance
+    # A timed path obeys limits that the search has, too, so the search should not end slower.
     slower = is_timed_path and motion.duration >= fallback.motion.duration
     if slower and outcome.status is Status.LIMITS_EXCEEDED:  # fewer limits make no slower motion
         outcome = Outcome.of(Status.SOLVED, NOTHING_FASTER)
@@ -391,6 +403,7 @@ def _outcome_of(fallback: ProvedPath, motion: Motion | None, proof: Clearance | 
         ledger = motion.outcome.ledger
         if motion.status in (Status.INFEASIBLE, Status.LIMITS_EXCEEDED):
             outcome = Outcome.of(Status.NOT_ACCEPTED)  # within the tolerance of a certificate
+    # The fallback is named by the caller, once.
     advice = tuple(row for row in outcome.advice if row.kind != "returned")
     return replace(outcome, advice=advice, ledger=ledger)
 
@@ -418,6 +431,8 @@ def touching(hit: Any, wanted: float) -> str:
         sentence = (
             f"in collision with {other!r} by {length_text(abs(hit.distance))} at link {link!r}"
         )
+        # Capsules enclose the meshes of links and stand out from them: a contact within that excess
+        # may be none.
         excess = sum(getattr(shape, "excess", 0.0) for shape in (hit.pair.capsule, hit.pair.other))
         if -hit.distance < excess:
             sentence += (

@@ -89,6 +89,8 @@ def _orders(count: int, cycle: bool, segments: Sequence[Segment] | None) -> list
     """
     if count > MOST_ORDERED:
         raise InputError(f"order is free for at most {MOST_ORDERED} stops, not {count}")
+    # Orders that separate two stops with a segment between them are left out; the first stop
+    # follows the last in a cycle.
     tied = {(k, (k + 1) % count) for k, kind in enumerate(segments or ()) if kind is not None}
     between = itertools.permutations(range(1, count if cycle else count - 1))
     orders = [(0, *p) if cycle else (0, *p, count - 1) for p in between]
@@ -170,6 +172,7 @@ def _raised(
         duration = max(order.duration, timed.optimistic_duration)
         return replace(order, level=Level.TIMED, duration=duration, task=timed)
     if order.level is Level.TIMED:
+        # A way that is slower at the highest velocities than a coarse answer is not solved.
         known = [other["coarse"] for other in rows.values() if other["coarse"] is not None]
         coarse = order.task.coarse_duration(min([best, *known]))
         if np.isfinite(coarse):

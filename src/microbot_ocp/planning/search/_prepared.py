@@ -398,6 +398,7 @@ class TimeOptimalSolver:
         """Return the solves on the first mesh, the name of the best start, and its refinement."""
         kernels = self._numbered(problem, payload, smoothing, moving)
         how = search_of(replace(problem, given=kernels), quiet)
+        # A tighter tolerance asks for a proportionally smaller gap.
         exact = min(1.0, self._solver_settings.tolerance / PREPARED.tolerance)
         gap = exact * how.refiner.settings.gap
         settings = replace(self._solver_settings, gap=gap)

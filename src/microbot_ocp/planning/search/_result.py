@@ -152,6 +152,7 @@ def fastest(
     with reserving() if problem.timed_path is None else nullcontext():
         state = refine(search, explore(search, state or NOTHING))
         answer, calmer = best_of(search, state), None
+        # Dwells are not phases of the program.
         shortest = answer.solution.duration + problem.dwell_time
         slack = search.settings.slack if slack is None else slack
         if duration is not None:
@@ -196,6 +197,7 @@ def motion_of_answer(best: Fastest) -> Motion:
         *rates_at_reversals(problem.family, solution),
     )
     more: dict[str, Any] = {"least_effort": best.calmer.as_dict()} if best.calmer else {}
+    # The relaxed problem tells which limit gives, and by how much, if no start converged.
     relaxed = next((a.relaxed for a in state.answers if a.relaxed is not None), None)
     if relaxed is not None and not (solution.status.solved or deadline.over()):
         outcome, least = judged(relaxed, problem.family, outcome)
@@ -283,10 +285,12 @@ def _known_if_better(best: Fastest, motion: Motion) -> Motion:
     if not slower:
         return motion
     chosen = min(slower, key=lambda slowed: slowed.motion.duration)
+    # Positive where the known motion is slower than the solution, which may exceed limits.
     more = chosen.motion.duration / (solution.duration + problem.dwell_time) - 1.0
     if fast_enough and (best.calmer or more >= -WORSE):
         return motion
     outcome = motion.outcome
+    # A search that was cut short is not called solved, however near its motion is.
     is_whole = motion.status not in (Status.TIME_LIMIT, Status.INTERRUPTED)
     if is_whole and solution.status.solved and abs(more) <= WORSE:
         outcome = Outcome.of(Status.SOLVED)
@@ -331,6 +335,8 @@ def branches_of(
         if way is None or answer.relaxed is not None:
             continue
         duration = coarse.duration + problem.dwell_time if answer.solved else None
+        # The taken way is the one whose poses at the stops are nearest to those of the motion: a
+        # tolerant stop may move.
         apart = float(np.abs(_poses(coarse) - via).max())
         keep_faster(best, way, row_of_way(way, duration, str(coarse.status), apart=apart))
     rows = sorted(best.values(), key=lambda row: row.pop("apart"))
@@ -401,6 +407,7 @@ def least_effort(search: MotionSearch, fastest: MotionAnswer, slack: float) -> L
     refiner = replace(fastest.refiner, transcription=kernels, guess_from=guess)
     refiner = replace(refiner, rough=None, history=[])
     # The fastest motion is a feasible guess of the new problem only on its own mesh.
+    # The time allowed is a bound of the last phase, so the durations of all phases may change.
     meshes = [phase.mesh for phase in solution.phases]
     guesses = guess(solution, slower)
     calmer = refiner.refine(refiner.solve(meshes, guesses, barrier=NEAR_WAY_BARRIER))

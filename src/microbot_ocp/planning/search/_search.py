@@ -185,6 +185,8 @@ class MotionSearch:
     @property
     def spent(self) -> float:
         """Used share of the time available to the search."""
+        # The limit of the caller may be tighter than the settings', so the share refers to the time
+        # that is left.
         passed = time.perf_counter() - self.begin
         return passed / (passed + max(deadline.left(), 0.0))
 
@@ -195,6 +197,8 @@ class MotionSearch:
 
 def plain_of(solution: Solution, phases: Iterable[Phase]) -> tuple[Any, ...]:
     """Return a solution as plain data, without the kernels of the phases."""
+    # Kernels hold compiled functions and cannot be pickled: meshes and parameters suffice to build
+    # them again.
     parameters = {phase.name: {p.name: p.value for p in phase.parameters} for phase in phases}
     meshes = [phase.mesh for phase in solution.phases]
     return replace(solution, phases=()), meshes, parameters
@@ -218,6 +222,8 @@ def ledger_of(state: SearchState, last: MotionAnswer) -> Ledger:
         iterations = sum(a["iterations"] for solve in answer.solves for a in solve["attempts"])
         figures = id(answer) in lineage, best, cost, iterations, answer.seconds
         rows.append(LedgerRow(answer.step, 1, *figures))
+        # Each row shows the best duration before and after its step, whichever answer it belongs
+        # to.
         best = min((c for c in (best, cost) if c is not None), default=None)
     return Ledger.of(rows)
 
@@ -227,6 +233,8 @@ def ledger_of(state: SearchState, last: MotionAnswer) -> Ledger:
 
 def is_enough(problem: MotionProblem, solution: Solution) -> bool:
     """Return True if a motion on a large mesh is to be slowed down slightly, not refined."""
+    # Slowing down is accepted on large meshes only: there another mesh costs more than the
+    # slowdown.
     size = sum(phase.mesh.size - 1 for phase in solution.phases) * problem.family.robot.joint_count
     if size < LARGE_MESH or not solution.status.solved or problem.settings.slack:
         return False
@@ -265,6 +273,7 @@ def settled(answers: Sequence[MotionAnswer], settings: TimeOptimalSettings) -> b
     w (w + 1) / (N (N - 1)) (Boender and Rinnooy Kan, Math. Programming 37, 1987, 59-80). An answer
     continued from a coarser mesh is an outcome but no start.
     """
+    # Starts that led nowhere count together as one outcome.
     solved, count = sum(answer.solved for answer in answers), len(answers)
     if solved == 0 or settings.starts == 1:  # the estimate needs two starts
         return solved > 0

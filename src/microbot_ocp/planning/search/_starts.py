@@ -61,6 +61,7 @@ PRUNE_FACTOR = 1.25  # velocity bound, per best duration, above which a redundan
 
 def explore_mesh(search: MotionSearch) -> int:
     """Return the number of intervals per phase of the coarse mesh."""
+    # Many phases share a sum of intervals: the cost of a solve depends on the sum.
     fewest = max(COARSE_MESH_SUM // len(search.problem.names), LEAST_COARSE_MESH)
     return min(full_mesh(search), search.problem.finer * min(fewest, COARSE_MESH))
 
@@ -311,6 +312,7 @@ def rest_to_rest(task: Task, way: Way, names: Sequence[str], compiled: bool) -> 
 
     A free segment that begins or ends in motion is a cubic.
     """
+    # Each segment has its own best timing; passing a stop without rest is what the search gains.
     guesses, given = {}, task.conditions.velocities
     durations = TaskScale.of(task.family, way.via, given).durations
     timings = segment_timings(task, way, compiled)

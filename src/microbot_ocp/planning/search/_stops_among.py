@@ -155,6 +155,7 @@ class _Guided:
     @property
     def rank(self) -> tuple[bool, bool, float]:
         """Sort key: solved and clear motions first, then clear ones, then the fastest."""
+        # The first motion of a front decides: the others start from it.
         clear = any(proof is not None and proof.proved for proof in self.proofs[:1])
         return not self.keeps_limits, not clear, self.duration
 
@@ -213,6 +214,8 @@ class _OrderAmongObstacles:
     def coarse_duration(self, duration_to_beat: float) -> float:
         """Return the best coarse duration of the fastest path along each way, s, with dwells."""
         dwell_time, least = float(self.task.dwells.sum()), np.inf
+        # Later entries of a dictionary replace earlier ones, so the list is reversed to keep the
+        # first path of each way.
         fastest = list({guide.way: guide for guide in reversed(self._guided)}.values())
         for guide in reversed(fastest):
             most = min(duration_to_beat - dwell_time, least)
@@ -238,6 +241,7 @@ class _OrderAmongObstacles:
         for place, ((effort, motion), proof) in enumerate(zip(front[0], proofs, strict=True)):
             remark = one_remark(remark_of_branches(branches), motion.remark)
             motion = replace(_with(motion, branches=branches), remark=remark)
+            # Only the fastest motion has a fallback; those of less effort follow from it.
             if place == 0 and fallback is not None:
                 motion = at_least(fallback, motion, proof)
                 effort = np.nan if "made_from" in motion.provenance else effort
@@ -441,6 +445,7 @@ class LegPlanner:
         scenes = scenes_of(task, self.scene, tool_poses(task.robot, way.via))
         for payload, scene in zip(task.payloads, scenes, strict=True):
             robot = payload.on(task.robot)
+            # Obstacles beyond the given ones are parts that the arm has put down.
             lying = [c for c in scene.obstacles[len(self.scene.obstacles) :] if type(c) is Capsule]
             parts = tuple((c.name, c.start.tobytes(), c.end.tobytes(), c.radius) for c in lying)
             # All segments share the given obstacles, so the lying parts complete the key.
@@ -471,6 +476,8 @@ class LegPlanner:
             usual = self._usual(task, way)
             for choice in choices_of(list(filter(None, legs))):
                 rows = zip(legs, usual, strict=True)
+                # A segment of its own kind is a line that obstacles do not bend: its timing is the
+                # same for all choices.
                 bounds = [leg.bound(choice) if leg else s and s.duration for leg, s in rows]
                 choices.append((rest_duration_of(task, bounds), number, way, legs, choice))
         guides: list[GuidedWay] = []

@@ -122,6 +122,7 @@ def fastest_through(
             raise InputError("give a duration or a slack for less effort, not both")
     begin = time.perf_counter()
     problem = problem_of(task, settings, duration)
+    # Under a short limit the known motion comes first, so that there is something to return.
     given = min(usual if settings.time_limit is None else settings.time_limit, deadline.left())
     with settings.within(usual):
         if given < usual and duration is None:  # compute the fallback before time runs out
@@ -193,6 +194,7 @@ def _check_velocities(task: Task) -> None:
         poses = few_poses(robot, stop)
         if poses is None or not wanted:
             continue
+        # Row e^T J of the Jacobian along the wanted direction, per m/s.
         slopes = [np.array(jacobian(robot)(q))[:3].T @ stop.velocity / wanted for q in poses]
         shares = np.abs(slopes)
         reached = np.multiply(shares, fastest, out=np.zeros_like(shares), where=shares > 0.0)
@@ -250,6 +252,7 @@ def effort_front(search: MotionSearch, state: SearchState | None, slacks: Sequen
     for slack in sorted(slacks) if best.answer.solved else ():
         if deadline.over():
             return points, deadline.status().sentence
+        # Slacks refer to the fastest motion, and each search starts from the one before it.
         share = (1.0 + slack) * first / best.answer.solution.duration - 1.0
         calmer = least_effort(search, best.answer, share)
         best = replace(best, answer=calmer.answer, calmer=calmer)

@@ -59,6 +59,8 @@ def with_corners_cut(
         if not stop.blend:
             places.append(stop)
             continue
+        # A blended corner becomes two stops, where the blend begins and ends, and a segment between
+        # them within the ball of the blend.
         lines = kinds[index - 1], kinds[index]
         if not all(isinstance(kind, Line) for kind in lines):
             raise InputError(
@@ -97,6 +99,7 @@ def _in_parts(
 ) -> tuple[list[Stop], list[Segment]]:
     """Return stops on a long arc, and the parts of the arc between them."""
     curve, turning = curve_of(robot, kind, before, after)
+    # A long arc is divided: on a part the nearest place of the tool is unique.
     parts, places = parts_of(kind, curve), []
     for number, (share, _) in enumerate(parts[:-1], 1):
         place = _passed(curve.points(np.array([share]))[0], turning, share)

@@ -74,6 +74,8 @@ def verdict(
     A solver that converged on the mesh points is overruled if limits are exceeded in between by
     more than ``limit_tolerance``.
     """
+    # The order of the verdicts matters: time over, then limits between mesh points, then the
+    # solver's own status.
     worst = largest(excess)
     if deadline.over() and solution.status is not Status.INTERRUPTED:
         return Outcome.of(deadline.status())
@@ -192,6 +194,7 @@ def multipliers_of(
         return None
     found = _slopes_of(solution, family, None if task is None else task.families)
     count = solution.phases[0]["q"].shape[1]
+    # Joints without a condition at a via point have the slope zero.
     via = [[found.via[k].get(j, 0.0) for j in range(count)] for k in sorted(found.via)]
     return {
         **_plain(found.sides),
@@ -246,6 +249,7 @@ def _slopes_of(
             name, _, side = entry.name.partition(", ")
             key = KEYS.get(name, name.replace(" ", "_"))
             slopes = (-1.0 if side.startswith("lower") else 1.0) * multipliers / entry.scale
+            # Conditions at the end of phase k belong to via point k + 1.
             at = number + (entry.kind in ("final", "end"))
             if entry.kind in ("initial", "final"):
                 if key == "q":
@@ -258,9 +262,12 @@ def _slopes_of(
             of_joints = key in MotionSamples._fields  # bounds of joints have a total slope alone
             if key in own and not of_joints:
                 _add_over_time(segments[number], key, entry, times, slopes)
+            # Limits that only a segment has, such as distances, have no total slope.
             if key not in family:
                 continue
             for side, sign in (("lower", -1.0), ("upper", 1.0)):
+                # A multiplier is positive at an upper bound and negative at a lower one: its sign
+                # selects the side. A larger bound shortens the motion.
                 amounts = sides[side].setdefault(key, np.zeros(entry.size))
                 amounts[entry.component] -= slopes[sign * slopes > 0].sum()
             if not of_joints:
@@ -310,6 +317,8 @@ def _bounds(
             for column, entry in enumerate(block.entries):
                 if entry.kind not in kinds:
                     continue
+                # Entries at the last mesh point have the index N of an interval that does not
+                # exist: they are at the end of interval N - 1.
                 last = np.minimum(block.intervals, layout.mesh.size - 2)
                 share = np.where(block.intervals > last, 1.0, entry.fraction)
                 step = np.diff(layout.mesh)[last]

@@ -211,6 +211,8 @@ class Stop:
         """Half widths of the tolerance per coordinate or joint; None for a ball."""
         if isinstance(self.tolerance, tuple):
             return np.array(self.tolerance)
+        # A scalar tolerance is a ball, except zero, which is a box without width: equations instead
+        # of a ball of radius zero, whose gradient vanishes.
         size = 3 if self.q is None else len(self.q)
         return np.zeros(size) if self.tolerance <= EXACT_TOLERANCE else None
 
@@ -325,6 +327,8 @@ class Conditions:
 
 def passing(robot: Robot, via: FloatArray) -> Conditions:
     """Return conditions of rest at both ends of via points [m,n] and any velocity at the others."""
+    # Rest under limits of jerks or torque rates includes a zero acceleration, or the rate would
+    # jump at the end.
     free, rest = np.full(via.shape[1], np.inf), np.zeros(via.shape[1])
     still = (rest, rest) if LimitFamily.of(robot).jerk_matters else None
     last = len(via) - 1

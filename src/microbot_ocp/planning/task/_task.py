@@ -107,6 +107,7 @@ class Task:
         """Payload of every segment."""
         held, payloads = EMPTY, []
         if self.cycle:
+            # A cycle begins with the payload that it ends with.
             held = next((s.payload for s in reversed(self.stops) if s.payload is not None), EMPTY)
         for stop in self.stops[:-1]:
             held = held if stop.payload is None else stop.payload
@@ -141,6 +142,8 @@ class Task:
         curve = self.curves[index]
         limits: tuple[Any, ...] = ()
         if curve is not None and isinstance(kind, Line | Circle):
+            # The tube around a curve and the lines between joint poses are limits of their segment
+            # alone.
             limits = curve_limits(kind, *curve)
         elif isinstance(kind, Corner):
             limits = (corner_limit(kind),)
@@ -177,6 +180,8 @@ class Task:
         closed: tuple[str, ...] = ()
         if self.cycle:
             first = self.stops[0]
+            # A quantity that is fixed at the first stop needs no condition of closure: it would be
+            # a redundant equation.
             fixed = first.q is not None and first.box is not None and not first.box.any()
             moves = not self.at_rest(0)
             demanded = {"q": not fixed, "qd": moves, "qdd": moves and self.family.jerk_matters}
@@ -235,6 +240,7 @@ def pose_rows(robot: Robot, stop: Stop) -> list[Row]:
     rows = []
     if stop.q is not None:
         target, size = np.array(stop.q), float(stop.tolerance)
+        # The squared distance is smooth at the centre, where the distance itself has no derivative.
         ball = lambda q, _: ca.sumsqr((q - target) / size)  # noqa: E731
         return [Row("distance from the joint pose", ball, AT_MOST_ONE)]
     place, turned = stop.pose(robot)
@@ -261,6 +267,7 @@ def pose_rows(robot: Robot, stop: Stop) -> list[Row]:
             return orientation_error(wanted, tool, stop.free_axis)
 
         if stop.orientation_tolerance:
+            # The error vector has the length sin(angle).
             largest = np.sin(stop.orientation_tolerance)
             ball = lambda q, qd: ca.sumsqr(error(q, qd) / largest)  # noqa: E731
             rows.append(Row("orientation of the tool", ball, AT_MOST_ONE))
