@@ -37,6 +37,7 @@ STUBBORN = 6  # meshes without halving the least excess after which refinement e
 GROSS = 1.0  # excess above which a solution satisfies its equations only within their tolerance
 POLISHED = 0.1  # fraction of the wanted gap below which no polishing is needed
 POLISHING_ITERATIONS = 60  # limit of the polishing solve
+FINISHING_ROUNDS = 2  # refinements after polishing
 # Least foresight after polishing: few excesses remain, and each new interval costs
 FORESIGHT = 0.5
 
@@ -142,10 +143,10 @@ class Refiner:
         near = solution.gap.total <= POLISHED * wanted * abs(solution.cost)
         if self._is_enough(solution) or polished or near:
             return solution
-        return self.polished(solution)
+        return self.polished(solution, FINISHING_ROUNDS)
 
-    def polished(self, solution: Solution) -> Solution:
-        """Return a solution at full tolerance on its mesh, refined until it keeps its limits.
+    def polished(self, solution: Solution, rounds: int) -> Solution:
+        """Return a solution at full tolerance on its mesh, followed by refinement rounds.
 
         The solve starts from its multipliers. The solution is returned unchanged if this takes too
         long or does not keep the limits.
@@ -153,14 +154,14 @@ class Refiner:
         most = min(self.settings.max_iterations, self.polishing)
         settings = replace(self.settings, max_iterations=most)
         meshes = [phase.mesh for phase in solution.phases]
-        finer = replace(self, settings=settings, rough=None, once=True).solve(meshes, solution)
+        given = {"rough": None, "once": True, "foresight": max(self.foresight, FORESIGHT)}
+        exact = replace(self, settings=settings, **given)
+        finer = exact.solve(meshes, solution)
         accepted = self.history[-1]["accepted"] = self._accepts(solution, finer)
         self.progress(f"the last digits: {finer.duration:.6f} s, {finer.status}")
         if not accepted:
             return solution
-        self.rough = None
-        foresight = max(self.foresight, FORESIGHT)
-        finer = replace(self, foresight=foresight).refine(finer)
+        finer = replace(exact, rounds=rounds).refine(finer)
         within = self._worst(finer) <= max(self.limit_tolerance, self._worst(solution))
         return finer if within else solution
 

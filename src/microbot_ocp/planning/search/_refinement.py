@@ -420,7 +420,7 @@ def last_digits(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
     if search.problem.timed_path is None:
         solution = refiner.finished(solution)
     elif loose and search.worst(solution) <= search.settings.limit_tolerance:
-        solution = refiner.polished(solution)
+        solution = refiner.polished(solution, refiner.rounds)
     given = _kept(search, solution)
     return _finer(subject, LAST_DIGITS, Level.FINISHED, solution, refiner, **given)
 
