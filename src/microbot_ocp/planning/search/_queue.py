@@ -1,8 +1,8 @@
 """One queue for every search: candidates of rising accuracy, the most promising first.
 
 Ways through stops, orders of the stops, paths around obstacles and random starts are candidates.
-Each level of accuracy costs about ten times the one before, so a candidate is raised only if it may
-still beat the best finished one.
+Each level of accuracy costs about ten times the one before, so a candidate is raised to the next
+level only if it may still beat the best finished candidate.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from microbot_ocp._base import deadline
 class Level(IntEnum):
     """Accuracy of a candidate's duration."""
 
-    BOUND = 0  # no motion is faster
+    BOUND = 0  # lower bound: no motion is faster
     TIMED = 1  # estimate from below by timed paths
     COARSE = 2  # solved on a coarse mesh
     FULL = 3  # solved on a full mesh
@@ -27,11 +27,11 @@ class Level(IntEnum):
     FINISHED = 5  # solved to the wanted gap, and proved to keep clear of obstacles
 
 
-# Relative gain of the duration that later levels are expected to reach at most. Coarse and finished
-# durations of one task differ by similar shares: 0.9 to 1.3 % for six orders of a Puma among
+# Largest share by which later levels are expected to reduce the duration. From coarse to finished,
+# all candidates of one task gain similar shares: 0.9 to 1.3 % for six orders of a Puma among
 # obstacles, 0.2 to 0.5 % for six of a Microbot.
 GAIN = {Level.COARSE: 0.01, Level.FULL: 1e-3, Level.SPLIT: 1e-4}
-SPREAD = 1.5  # expected gain of other candidates, relative to one that was seen
+SPREAD = 1.5  # expected gain of other candidates, relative to the largest gain seen
 
 
 class Candidate(Protocol):
@@ -44,7 +44,7 @@ class Candidate(Protocol):
 
     @property
     def duration(self) -> float:
-        """Duration, or an estimate from below, s."""
+        """Duration, or a low estimate of it, s."""
         ...
 
     @property
@@ -61,17 +61,18 @@ def best_first(
 ) -> list[C]:
     """Return the finished candidates of a search.
 
-    The candidate of the least hoped duration is raised until the least is finished. At the time
-    limit only the most accurate one is, so that there is a result.
+    The candidate with the least hoped-for duration is raised, again and again, until a finished one
+    beats all others. After the time limit only the most accurate candidate is raised, until one is
+    finished.
 
     Parameters
     ----------
     first : iterable of candidates
     raised : callable
         Function of a candidate and the duration to beat, s. It returns the candidates of a higher
-        level that follow from it; none if it leads nowhere.
+        level that replace this candidate, if any.
     most : float
-        Duration from which candidates are left out, s; with a finite one all others are finished.
+        Duration from which candidates are left out, s; if finite, all others are finished.
     """
     waiting, finished, gain = list(first), list[C](), dict(GAIN)
 
@@ -86,7 +87,7 @@ def best_first(
 
     while waiting:
         late = deadline.over()
-        # Lists of ties keep their order: `min` takes the first.
+        # Among ties `min` takes the first candidate of the list.
         least = min(waiting, key=lambda c: (-c.level * late, hoped(c)))
         if finished and (late or best() <= hoped(least)):
             break

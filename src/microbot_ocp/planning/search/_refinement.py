@@ -63,7 +63,7 @@ from microbot_ocp.planning.task import (
 
 FAR_BARRIER = 3e-5  # barrier parameter of a warm start from a coarse to a full mesh
 FORESIGHT = 0.1  # share of the accepted excess from which an interval is split
-GRADED_SHARE = 0.5  # share of the intervals that follows changes of the acceleration
+GRADED_SHARE = 0.5  # share of the intervals placed where the acceleration changes
 MANY_PHASES = 5  # number of phases up to which multipliers of the coarse mesh are reused
 MOST_POLISHED = 15  # largest number of phases that are solved to the full tolerance
 REDUCED_SMOOTHING = 1e-2  # factor on the jerk weight of the reduced smoothing
@@ -73,7 +73,7 @@ SMOOTHING_BARRIER = 1e-2  # barrier parameter of the first solve with increased 
 SMOOTHING_FACTORS = (1e6, 1e5, 1e4, 1e3, 1e2, 10.0, 1.0)
 SMOOTHING_ITERATIONS = 200  # iteration limit of each solve with increased smoothing
 TIMED_PATH_TOLERANCE = 1e-4  # solver tolerance among obstacles, relative
-USUAL_ITERATIONS = 100  # iteration limit of a full or refined mesh, and of the last digits
+USUAL_ITERATIONS = 100  # iteration limit of a full or refined mesh, and of the last step
 
 
 def search_of(problem: MotionProblem, progress: StepProgress) -> MotionSearch:
@@ -110,7 +110,7 @@ def search_of(problem: MotionProblem, progress: StepProgress) -> MotionSearch:
 
 
 def wanted_gap(problem: MotionProblem) -> float:
-    """Return the relative gap to the optimum on a mesh that a solve may leave."""
+    """Return the largest accepted gap between a solution and the optimum on its mesh, relative."""
     # Jerks and torque rates are third derivatives of the spline: rounding hides their last digits.
     return RATED_GAP if problem.is_rated else GAP
 
@@ -119,7 +119,7 @@ def wanted_gap(problem: MotionProblem) -> float:
 
 TINY = 1e-12
 RATED_GAP = 1e-4  # relative gap wanted under limits of jerks and torque rates
-SHORTEST = 0.05  # share of a phase's longest interval: shorter ones are not split at switches
+SHORTEST = 0.05  # share of a phase's longest interval below which none is split at a switch
 # Name of each step in the ledger
 FULL_MESH = "full mesh"
 SMOOTHED_LESS = "less smoothing"
@@ -147,7 +147,7 @@ def refine(search: MotionSearch, state: SearchState) -> SearchState:
 
 
 def best_of(search: MotionSearch, state: SearchState) -> MotionAnswer:
-    """Return the best refined answer; the nearest coarse one if there is none."""
+    """Return the best refined answer, or else the most promising, or else the least infeasible."""
     answers = state.at(Level.FINISHED) or state.at(Level.SPLIT)
     if answers:
         return min(answers, key=lambda answer: rank(search, answer.solution))
@@ -156,7 +156,7 @@ def best_of(search: MotionSearch, state: SearchState) -> MotionAnswer:
 
 
 def _promising(state: SearchState) -> list[MotionAnswer]:
-    """Return the answers on a full mesh, or else the coarse ones, that others do not supersede."""
+    """Return the answers on a full mesh, or else those that no finer answer supersedes."""
     continued = {a.before for a in state.starts if a.solved and a.before and _same(a, a.before)}
     return by_promise(state.at(Level.FULL) or [a for a in state.answers if a not in continued])
 
@@ -195,7 +195,7 @@ def _smoothed(search: MotionSearch, kernels: Transcription, weight: float) -> Tr
 
 
 def _refined(search: MotionSearch, answer: MotionAnswer) -> Iterator[MotionAnswer]:
-    """Yield an answer solved on a full mesh, if it is coarse, and with its intervals split."""
+    """Yield a coarse answer solved on a full mesh; any answer with its intervals split."""
     best = answer
     if answer.level is Level.COARSE:
         full = to_full_mesh(search, answer)
@@ -211,7 +211,7 @@ def _refined(search: MotionSearch, answer: MotionAnswer) -> Iterator[MotionAnswe
             yield smoothed
             best = smoothed if smoothed.solved else answer
         if best is answer and search.problem.timed_path is not None:
-            return  # between coarse mesh points it passes through bodies
+            return  # a coarse motion passes through bodies between mesh points
     yield split_where_exceeded(search, best)
 
 
@@ -246,8 +246,8 @@ def to_full_mesh(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
         solution = refiner.solve(meshes, guesses, barrier=barrier)
         if solution.status.solved and solution.cost <= (1 + WORSE) * before.cost:
             return finer(solution, refiner)
-    # A warm start with multipliers needs a barrier parameter that matches the mesh error: from a
-    # smaller one the iterates are too near to bounds that are active on the coarse mesh only.
+    # A warm start with multipliers needs a barrier parameter that matches the mesh error: a smaller
+    # one keeps the iterates too near to bounds that are active on the coarse mesh only.
     settings, once = _from_barrier(refiner, FAR_BARRIER), False
     if len(before.phases) <= MANY_PHASES and _within_limits(search, subject) is not None:
         settings, once = _at_most(settings, USUAL_ITERATIONS), True
@@ -281,13 +281,13 @@ def _finer(
 
 
 def _can_be_smoothed(search: MotionSearch, coarse: MotionAnswer) -> bool:
-    """Return True if a motion within limits is known for a coarse one with jumps."""
+    """Return True for a solved answer with jumps if a motion within limits is known."""
     jumps = accelerations_jump(search.problem.family)
     return jumps and coarse.solved and _within_limits(search, coarse) is not None
 
 
 def _within_limits(search: MotionSearch, answer: MotionAnswer) -> Any:
-    """Return a motion within the limits from a coarse answer, or the known one, or None."""
+    """Return a coarse answer slowed down to keep limits, or the fallback motion, or None."""
     slowed = search.problem.slowed(answer.solution) if search.problem.is_free else None
     return slowed or getattr(search.problem.fallback, "motion", None)
 
@@ -336,7 +336,7 @@ def _smooths_too_much(search: MotionSearch, answer: MotionAnswer, *meshes: Any) 
 
 
 def _is_costly(solution: Solution, meshes: Sequence[int | FloatArray] = ()) -> bool:
-    """Return True if smoothing costs too much of the duration, on its own or on finer meshes.
+    """Return True if the smoothing cost is too large, on a solution's meshes or on given ones.
 
     A jump of the acceleration by D takes one interval of length h, so its squared jerk, integrated,
     is D^2 / h. Where torques change between coarse mesh points the cost on a finer mesh is larger.
@@ -412,8 +412,8 @@ def _kept(search: MotionSearch, solution: Solution) -> dict[str, bool]:
 def last_digits(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
     """Solve to the full tolerance.
 
-    A rough solve from a timed path ends with a positive barrier parameter, so that limits keep a
-    distance. A few iterations from its multipliers reduce the cost of this distance to almost zero.
+    A rough solve from a timed path ends with a positive barrier parameter, which keeps the motion
+    off its limits. A few iterations from the multipliers reduce the cost of this to almost zero.
     """
     refiner, solution = _going_on(subject), subject.solution
     loose = not solution.gap.total <= LARGEST_SLOWDOWN * abs(solution.cost)
@@ -433,8 +433,8 @@ def switch_marks(family: LimitFamily, solution: Solution) -> list[np.ndarray]:
 
     A velocity that changes by more than half of its limit in one interval could change far sooner
     than the mesh allows. Under limits of jerks or torque rates the same holds for accelerations and
-    torques, and a rate that switches loses half an interval: 1 % of the motions of a Panda on 60
-    even intervals. Intervals below ``SHORTEST`` are not marked.
+    torques. A switch of a rate inside an interval wastes half of the interval: 1 % of the duration
+    for a Panda on 60 even intervals. Intervals below ``SHORTEST`` are not marked.
     """
     robot, rated = family.robot, limited_rates(family)
     marks = []
@@ -467,7 +467,7 @@ def friction_marks(search: MotionSearch, solution: Solution) -> list[np.ndarray]
     for phase, excess in zip(solution.phases, search.problem.excess(solution), strict=True):
         turns = reversals(phase["qd"], dry)
         steps = np.diff(phase.mesh)
-        # A friction window is as long as the longest interval with a reversal.
+        # The longest interval with a reversal sets the friction window: split only such intervals.
         turns &= steps > 0.6 * steps[turns].max(initial=0.0)
         marked.append(turns[:, None] | (excess > search.settings.limit_tolerance))
     return marked
@@ -476,9 +476,9 @@ def friction_marks(search: MotionSearch, solution: Solution) -> list[np.ndarray]
 def graded(phase: PhaseSolution, count: int) -> FloatArray:
     """Return a mesh [count+1] of a phase, denser where its accelerations change.
 
-    The density is ``(1 - g) + g w / sum(w)`` with the share g = ``graded_share`` and the weight w
-    of an interval: its length times the largest relative slope of the accelerations.
-    Equidistribution: mesh points lie at equal steps of the cumulated density.
+    An interval of length h holds the share ``(1 - g) h + g w / sum(w)`` of the new mesh, with g =
+    ``GRADED_SHARE`` and the weight w: h times the largest relative slope of the accelerations.
+    Equidistribution: mesh points lie at equal steps of the cumulated shares.
     """
     steps, change = np.diff(phase.mesh), np.abs(np.diff(phase["qdd"], axis=0))
     change = (change / np.maximum(np.abs(phase["qdd"]).max(axis=0), TINY)).max(axis=1)
