@@ -2,9 +2,8 @@
 
 A planner finds joint paths around the obstacles. Each path, with a timing that keeps every limit,
 is a motion that is proved to keep clear. The search for the fastest motion starts from these paths,
-timed by reachability, one after another until one converges. The result is the fastest of the
-search's motion and the other paths with their best timings; one of the paths if the search failed
-or ran out of time.
+timed by reachability, one after another until one converges. The result is the motion found, or
+a path with its best timing, if that is faster or the search failed or ran out of time.
 
 Exact geometry decides: where it is known, paths and proofs use it. Capsules are the smooth
 approximation in the nonlinear program, and may overlap as far as they do on the path. If the exact
@@ -54,7 +53,7 @@ from microbot_ocp.scene import (
 )
 from microbot_ocp.trajectories import quintic, shortest_duration
 
-DIFFERENT = 0.02  # relative difference of durations from which timed paths count as two
+DIFFERENT = 0.02  # relative difference of durations from which two timed paths are different
 NOTHING_FASTER = "the search found nothing faster"
 THE_MOTION = "the motion found"
 AT_CORNERS = "path around obstacles, at rest at its corners"
@@ -94,7 +93,7 @@ class WayAround:
     @cached_property
     def reached(self) -> PathTiming | None:
         """Best timing under the limits of reachability; None if the path leaves the position
-        limits or cannot be held somewhere.
+        limits, or if the arm cannot hold one of its poses.
         """
         path = self.detour.path
         assert path is not None
@@ -105,7 +104,7 @@ class WayAround:
 
     @property
     def bound(self) -> float:
-        """Lower bound on the duration, s: limits of rates and others are left out."""
+        """Lower bound on the duration, s: reachability leaves out some limits, such as rates."""
         return np.inf if self.reached is None else self.reached.duration
 
     @property
@@ -149,7 +148,7 @@ class Leg:
         First way with a timing within all limits, available at once: the best timing, or one that
         rests at every corner if the best takes long to compute.
     certified : float
-        Processor time, s, of the first proof of a motion along this leg and its neighbours.
+        Processor time, s, at which a motion along all legs was first proved clear.
     refused : bool
         True if a way was infeasible within the limits.
     searches : int
@@ -168,13 +167,12 @@ class Leg:
     searches: int = 0
 
     def search(self, number: int, progress: StepProgress) -> None:
-        """Make the search of a number, unless it was made before or is needless."""
+        """Make the search with this number, unless it was made before or is needless."""
         routes = [*(way.detour for way in self.ways), *self.failed]
         straight = any(candidate.name == "straight" for candidate in routes)
+        # A free straight path, or a motion after the first searches, makes this search needless.
         if number < self.searches or straight or (number >= FIRST_SEARCHES and self.first_motion):
             return
-        # A straight path that is free, or a motion after the first searches, makes further ones
-        # needless: see above.
         self.searches = number + 1
         candidate = detour(self.around, self.start, self.goal, self.settings.seed, number)
         if candidate.path is None:
@@ -222,7 +220,7 @@ def _resting_at_corners(family: LimitFamily, way: Detour) -> Motion | None:
     shapes = [quintic(pair, [0.0, 1.0], np.zeros((2, robot.joint_count))) for pair in ends]
     try:  # a loose tolerance suffices: the motion is only a fallback
         scaled = [shortest_duration(robot, path, tolerance=1e-3).polynomial for path in shapes]
-    except InputError:  # the path leaves the position limits, or cannot be held somewhere
+    except InputError:  # the path leaves the position limits, or the arm cannot hold a pose
         return None
     how = {"method": AT_CORNERS}
     motion = Motion.from_polynomial(robot, joined(scaled), label="timed path", provenance=how)
@@ -337,7 +335,7 @@ def fastest_among(
     search, proof = (finished[0].motion, finished[0].proof) if finished else (None, None)
     below = finished[0].duration if finished and finished[0].keeps_limits else None
     proved_paths = [proved for f in finished if (proved := f.fallback) is not None]
-    # Other paths are timed only if their lower bound is below the motion found.
+    # Other paths are timed only if their lower bound is below the duration of the motion found.
     names_tried = () if below is None else [path.name for path in tried]
     paths = [*proved_paths, *timed_paths(around, legs, progress, below=below, tried=names_tried)]
     more: dict[str, Any] = {
@@ -361,9 +359,10 @@ def fastest_among(
 
 
 def at_least(fallback: ProvedPath | None, motion: Motion | None, proof: Clearance | None) -> Motion:
-    """Return the motion of a search if it is proved clear, and solved or faster than the fallback.
+    """Return the motion of a search, or else the fallback.
 
-    Otherwise return the fallback: a timed path, or a motion of the search slowed down at limits.
+    The motion counts if it is proved clear, and is faster than the fallback, of less effort, or not
+    solved. The fallback is a timed path, or a motion of the search slowed down at limits.
     """
     if motion is not None:
         faster = fallback is None or motion.duration < fallback.motion.duration
@@ -387,9 +386,9 @@ def _outcome_of(fallback: ProvedPath, motion: Motion | None, proof: Clearance | 
         return Outcome.of(deadline.status())
     outcome, ledger = motion.outcome, motion.outcome.ledger.discarded()
     is_timed_path = "made_from" not in fallback.motion.provenance
-    # A timed path obeys limits that the search has, too, so the search should not end slower.
+    # A timed path obeys every limit of the search, so the search should not end slower.
     slower = is_timed_path and motion.duration >= fallback.motion.duration
-    if slower and outcome.status is Status.LIMITS_EXCEEDED:  # fewer limits make no slower motion
+    if slower and outcome.status is Status.LIMITS_EXCEEDED:  # the faster path keeps the limits
         outcome = Outcome.of(Status.SOLVED, NOTHING_FASTER)
     if proof is not None and proof.proved:
         outcome = Outcome.of(outcome.status, NOTHING_FASTER)
@@ -397,7 +396,7 @@ def _outcome_of(fallback: ProvedPath, motion: Motion | None, proof: Clearance | 
             outcome = Outcome.of(deadline.status())
     elif proof is not None:
         outcome = Outcome.of(Status.NOT_ACCEPTED, proof.sentence)
-    elif outcome.status in (Status.INFEASIBLE, Status.LIMITS_EXCEEDED):  # a motion is known
+    elif outcome.status in (Status.INFEASIBLE, Status.LIMITS_EXCEEDED):  # the fallback is feasible
         outcome = Outcome.of(Status.FAILED, NONE_WITHIN)
     if motion is fallback.motion:
         ledger = motion.outcome.ledger
@@ -431,8 +430,8 @@ def touching(hit: Any, wanted: float) -> str:
         sentence = (
             f"in collision with {other!r} by {length_text(abs(hit.distance))} at link {link!r}"
         )
-        # Capsules enclose the meshes of links and stand out from them: a contact within that excess
-        # may be none.
+        # Capsules stand out from the meshes of links that they enclose: at a contact within that
+        # excess the meshes may not touch.
         excess = sum(getattr(shape, "excess", 0.0) for shape in (hit.pair.capsule, hit.pair.other))
         if -hit.distance < excess:
             sentence += (
@@ -482,7 +481,7 @@ def timed_paths(
     """Yield different ways through via points with a timing within all limits, and proofs.
 
     Ways come in the order of their lower bounds. With ``below``, s, only ways with a smaller bound
-    are timed, and none of the names in ``tried``. At the time limit one way is yielded.
+    are timed, and none named in ``tried``. After the time limit one way is enough.
     """
     durations: list[float] = []
     for choice in _by_bound(legs):
@@ -506,7 +505,7 @@ def _by_bound(legs: Sequence[Leg]) -> list[int]:
 def _proved(
     around: Surroundings, legs: Sequence[Leg], choice: int, timed: Iterable[Motion | None]
 ) -> ProvedPath | None:
-    """Return a way with a timing of each leg, at rest at via points; None if it is not proved."""
+    """Return a way with a timing of each leg, at rest at via points; None if not proved clear."""
     path = _joined(legs, choice, timed)
     proof = None if path is None else clearance(around.robot, path.motion, around.scene)
     if path is None or proof is None or not proof.proved:

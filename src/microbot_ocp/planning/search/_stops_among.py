@@ -1,7 +1,8 @@
 """Motions through stops among obstacles, with the parts that the arm carries between stops.
 
-A planner leads the blocked free segments of every way around the obstacles. The search starts from
-the fastest of these timed ways. Every segment keeps the distances of the arm with its payload.
+A way is one branch of the arm at every stop. A planner leads the blocked free segments of each way
+around the obstacles. The search starts from the fastest of these timed ways. On every segment the
+arm and its payload keep clear.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ from microbot_ocp.robot import Capsule, Robot
 from microbot_ocp.scene import Clearance, Surroundings, clearance_along, with_arm_capsules
 from microbot_ocp.trajectories import quintic, shortest_duration
 
-MOST_GUESSES = 4  # largest number of initial ways of a search
+MOST_GUESSES = 4  # largest number of timed ways from which a search starts
 
 
 def stops_among(request: SolveRequest) -> Motion:
@@ -125,7 +126,7 @@ class GuidedWay(NamedTuple):
     legs : list of Leg or None
         Leg of every free segment.
     choice : int
-        Number of its path on every leg.
+        Number of the path that every leg takes.
     """
 
     way: Way
@@ -154,8 +155,8 @@ class _Guided:
 
     @property
     def rank(self) -> tuple[bool, bool, float]:
-        """Sort key: solved and clear motions first, then clear ones, then the fastest."""
-        # The first motion of a front decides: the others start from it.
+        """Sort key: solved and clear motions first, then other clear ones; ties by duration."""
+        # The first motion of a front decides: its other motions start from the first.
         clear = any(proof is not None and proof.proved for proof in self.proofs[:1])
         return not self.keeps_limits, not clear, self.duration
 
@@ -205,14 +206,14 @@ class _OrderAmongObstacles:
         return GuidedSearch(self._request, task, self._scene, way, start, poses)
 
     def _coarse(self, guide: GuidedWay) -> CoarseResult | None:
-        """Return the coarse answers along a way; None if the time is over before they begin."""
+        """Return the coarse answers along a way; None if the time limit has passed."""
         if guide.name not in self._coarse_results:
             with suppress(deadline.Over):
                 self._coarse_results[guide.name] = self._search(guide).coarse_result()
         return self._coarse_results.get(guide.name)
 
     def coarse_duration(self, duration_to_beat: float) -> float:
-        """Return the best coarse duration of the fastest path along each way, s, with dwells."""
+        """Return the least coarse duration of all ways on their fastest paths, s, with dwells."""
         dwell_time, least = float(self.task.dwells.sum()), np.inf
         # Later entries of a dictionary replace earlier ones, so the list is reversed to keep the
         # first path of each way.
@@ -229,7 +230,7 @@ class _OrderAmongObstacles:
         return self.motions()[0][0][1]
 
     def motions(self, front_of: FrontFunction | None = None) -> Front:
-        """Return the requested motions; a known one replaces the first if that is worse.
+        """Return the requested motions; the fallback replaces the first if the first is worse.
 
         The best coarse answer is refined; if it leads to no motion that is proved to keep clear,
         the next one follows.
@@ -241,7 +242,7 @@ class _OrderAmongObstacles:
         for place, ((effort, motion), proof) in enumerate(zip(front[0], proofs, strict=True)):
             remark = one_remark(remark_of_branches(branches), motion.remark)
             motion = replace(_with(motion, branches=branches), remark=remark)
-            # Only the fastest motion has a fallback; those of less effort follow from it.
+            # Only the fastest motion has a fallback: motions of less effort start from the fastest.
             if place == 0 and fallback is not None:
                 motion = at_least(fallback, motion, proof)
                 effort = np.nan if "made_from" in motion.provenance else effort
@@ -298,8 +299,8 @@ class _OrderAmongObstacles:
     def _candidate(self, guide: GuidedWay) -> _Guided:
         """Return a path around obstacles as a candidate.
 
-        The fastest path of each way through the branches may be far faster than its timing from
-        rest to rest, and is bounded by velocities; another path of the way must be timed faster.
+        A motion may be far faster than the timing of its path from rest to rest. The first path of
+        each way is therefore bounded by velocities; other paths of the way count by their timing.
         """
         if guide is next(other for other in self._guided if other.way is guide.way):
             return _Guided(guide, least_time(self.task, guide.way))
@@ -375,7 +376,7 @@ def _unhindered(task: Task, way: Way, index: int) -> PiecewisePolynomial:
 
 
 class LegPlanner:
-    """Planned paths around the obstacles of a scene between two poses, for all orders of stops.
+    """Planner of paths between poses among obstacles, shared by all orders of the stops.
 
     Attributes
     ----------
@@ -439,7 +440,7 @@ class LegPlanner:
     def _places(self, task: Task, way: Way) -> list[Surroundings]:
         """Return the obstacles of every segment of a way; equal surroundings are one object.
 
-        Collision models are expensive to build, and legs are cached by the identity of theirs.
+        Collision models are expensive to build, and surroundings are part of the key of a leg.
         """
         places = []
         scenes = scenes_of(task, self.scene, tool_poses(task.robot, way.via))
@@ -468,7 +469,7 @@ class LegPlanner:
     def guides(self, task: Task) -> list[GuidedWay]:
         """Return ways with their free segments around the obstacles, the fastest first.
 
-        The list is empty if some leg of every way has no path.
+        The list is empty if every way has a leg without a path.
         """
         names = phase_names(len(task.segments))
         choices: list[tuple[float, int, Way, list[Leg | None], int]] = []
@@ -476,8 +477,8 @@ class LegPlanner:
             usual = self._usual(task, way)
             for choice in choices_of(list(filter(None, legs))):
                 rows = zip(legs, usual, strict=True)
-                # A segment of its own kind is a line that obstacles do not bend: its timing is the
-                # same for all choices.
+                # Obstacles do not bend a segment with a kind, such as a tool line: its timing is
+                # the same for all choices.
                 bounds = [leg.bound(choice) if leg else s and s.duration for leg, s in rows]
                 choices.append((rest_duration_of(task, bounds), number, way, legs, choice))
         guides: list[GuidedWay] = []
@@ -512,7 +513,7 @@ class LegPlanner:
         return segment_timings(task, way, self._settings.compiled)
 
     def at_rest(self, task: Task, guide: GuidedWay) -> list[PiecewisePolynomial]:
-        """Return every segment of a guide from rest to rest, with its best timing.
+        """Return every segment of a guided way from rest to rest, with its best timing.
 
         Tool lines keep their own paths. The list is empty if a path has no timing.
         """
