@@ -1,13 +1,13 @@
 """Search for a cheaper optimum from other starts.
 
 A solver converges to a local optimum near its start. Further starts are simulations with controls
-that are constant or change once. They are compared on a coarse mesh, on which a solve takes a few
-hundredths of a second, with the solution's counterpart there, or with its own cost if it has none.
-The coarse mesh is fine enough that the solution costs about as much on it. If the first few starts
-agree, the search ends. If they lead to different optima, random smooth curves are tried as well,
-which are far more successful for chaotic motions. The search ends when the cheapest optimum was
-reached as often as required. The cheapest few are solved on the mesh of the solution, since a
-coarse mesh does not decide which one is best.
+that are constant or change once. If many starts are wanted, random smooth curves are tried as well,
+which are far more successful for chaotic motions. All starts are solved on a coarse mesh, where a
+solve takes a few hundredths of a second, and so is the solution, for comparison; if its own coarse
+solve fails, the cost of the solution is compared. The coarse mesh is fine enough that the solution
+costs about the same there. The search ends when enough starts have reached the cheapest optimum, or
+at a limit of iterations, which is lower while all starts agree. The cheapest few optima are solved
+on the mesh of the solution, since a coarse mesh does not decide which of them is best.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from microbot_ocp.ocp.transcription import (
 )
 
 # Relative differences of cost.
-LEAST_SAVING = PASSING.cost  # smaller savings are within the error of a settled cost
+LEAST_SAVING = PASSING.cost  # smaller savings are within the error of a converged cost
 SAME = 1e-3  # costs that count as equal on a coarse mesh
 NEAR = 1e-2  # optima that may change order on a fine mesh
 ABOUT_EQUAL = 0.05  # cost on a coarse mesh that is fine enough for a comparison
@@ -74,8 +74,8 @@ def cheaper_elsewhere(
 ) -> tuple[Solution, list[Attempt]]:
     """Return the solution, or a cheaper one on its mesh from one of ``most`` other starts.
 
-    The attempts are returned if a cheaper one is found; ``rivals`` of the result are the other
-    optima. ``guess`` is the guess of the solution.
+    The attempts are empty unless a cheaper one is found. ``rivals`` of the result are the relative
+    extra costs of all optima, if they compete. ``guess`` is the guess of the solution.
     """
     size = cost_size(solution.cost, solution.cost_scale)
     coarse, comparable = _comparable(solution, context)
@@ -133,7 +133,7 @@ def _distinct(answers: list[Solution], here: Solution, worth: float) -> list[Sol
 
 
 def on_any_mesh(guess: Given, problem: OptimalControlProblem) -> Given:
-    """Return a guess with functions in place of tables, assumed to be evenly spaced."""
+    """Return a guess with functions in place of tables, whose rows count as evenly spaced."""
     if not isinstance(guess, Mapping):
         return guess
     sizes = {p.name: {v.name: v.size for v in p.variables} for p in problem.phases}
@@ -188,8 +188,8 @@ def _answers(
     kinds = {True: simulated, False: _solved(coarse, curves)}
     solved, tried = dict.fromkeys(kinds, 0), dict.fromkeys(kinds, 0)
     while kinds:
-        # Kinds whose starts all succeed alternate; one whose starts all fail is tried sqrt(n) times
-        # in n tries of one that succeeds.
+        # Two kinds whose starts all succeed alternate. A kind whose starts all fail gets about
+        # sqrt(n) tries while the other, if it succeeds, gets n.
         kind = max(kinds, key=lambda k: (solved[k] + 1) / (tried[k] + 1) ** 2)
         answer = next(kinds[kind], None)
         if answer is None:
@@ -201,8 +201,9 @@ def _answers(
 
 
 ENOUGH_AGREE = 8  # starts with the least cost after which the comparison ends
-LEAST_SIMULATIONS = 5  # simulations before it may end: random curves stay near the solution
-# Total iterations after which it ends in any case.
+# Simulations before the comparison may end: random curves stay near the solution.
+LEAST_SIMULATIONS = 5
+# Total iterations after which the comparison ends in any case.
 ENOUGH = 500  # if all starts so far lead to one cost
 ENOUGH_DIFFERENT = 2000  # if there are different optima
 ENOUGH_ALONE = 3000  # if no other start led to the least cost
@@ -308,7 +309,10 @@ DURATION_FACTORS = (0.6, 2.0, 0.3, 4.0)  # simulated durations relative to the u
 def _starts(
     coarse: _CoarseSolver, most: int, here: Solution | None = None
 ) -> Iterator[dict[str, Guess]]:
-    """Yield simulations; with a solution, by the ranges of its controls and by their costs."""
+    """Yield simulations; those that violate end conditions least come early.
+
+    With a solution, controls cover its ranges and their corners, and cost decides between ties.
+    """
     problem = coarse.context.transcription.problem
     ordinary = default_guess(problem)
     ranges = None if here is None else driving_ranges(problem, here)
@@ -320,7 +324,7 @@ def _starts(
     if all(low == high for low, high in (p.duration_bounds for p in problem.phases)):
         yield from nearest
         return
-    # Half of the starts have the usual durations; the caller takes the others from below.
+    # Half of the starts have the usual durations; the loop below yields the others.
     yield from nearest[: max(1, most // 2)]
     for factor in DURATION_FACTORS:
         durations = {
@@ -337,7 +341,7 @@ LEAST_TIME = 1.0  # least time limit of a cached solver, s
 
 
 def _comparable(solution: Solution, context: SolveContext) -> tuple[_CoarseSolver, Solution]:
-    """Return the coarsest solver on which the solution costs about as much, and its result."""
+    """Return the coarsest solver with about the cost of the solution, and its answer."""
     size = cost_size(solution.cost, solution.cost_scale)
     fewest = min(phase.mesh.size - 1 for phase in solution.phases)
     for intervals in COARSE_MESHES:

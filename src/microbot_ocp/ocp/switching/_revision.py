@@ -171,7 +171,7 @@ def _met_on(plan: ArcPlan, piece: PhaseSolution, begin: float, end: float) -> li
     return met
 
 
-WRONG_SIGN = 1e-3  # multiplier that shows a missing switch, relative to its largest magnitude
+WRONG_SIGN = 1e-3  # relative size from which a wrong multiplier shows a missing switch
 
 
 def wrong_signs(solved: ArcSolution) -> dict[str, list[WrongSign]]:
@@ -218,7 +218,7 @@ def _multipliers(solution: Solution) -> dict[tuple[str, str, str, int], list[flo
 
 
 def _density(piece: PhaseSolution, multipliers: Sequence[float]) -> tuple[FloatArray, FloatArray]:
-    """Return fractions of an arc, and a multiplier there divided by its quadrature weight, 1/s."""
+    """Return fractions of an arc, and multipliers there over their quadrature weights, 1/s."""
     count = piece.mesh.size - 1
     # A control constant over the interval has one multiplier per interval, others one per point.
     table = np.array(multipliers[: len(multipliers) // count * count]).reshape(count, -1)
@@ -230,7 +230,7 @@ def _density(piece: PhaseSolution, multipliers: Sequence[float]) -> tuple[FloatA
 
 
 def _negative(at: FloatArray, values: FloatArray, least: float) -> list[tuple[float, float]]:
-    """Return the spans of negative values with a value below ``-least``."""
+    """Return the spans of negative values that reach below ``-least``."""
 
     def edge(k: int) -> float:
         if k in (0, values.size):
