@@ -71,7 +71,7 @@ class _Segments(NamedTuple):
     defects: FloatArray  # errors of position and velocity at the end [K,2n]
     torques: FloatArray  # constant torques that would explain the defects [K,n]
     unknown: FloatArray  # torque uncertainty from the sampling of the motion [K,n]
-    determined: BoolArray  # [K]
+    determined: BoolArray  # True if torques determine the acceleration [K]
 
     def where(self, chosen: BoolArray | IntArray) -> _Segments:
         parts: Any = [column[chosen] for column in self]
@@ -117,10 +117,11 @@ NEIGHBOURS = (-2, -1, 1, 2)  # offsets of the samples through which a cubic pred
 def _acceleration_uncertainty(motion: Motion, first: IntArray) -> FloatArray:
     """Return the acceleration uncertainty, integrated over the interval before each sample [N,n].
 
-    The uncertainty is the distance of the interval's end samples from the cubics through their
-    four neighbours: a jump that the samples do not mark counts in full, and dense samples of a
-    smooth motion give almost zero. The outermost samples have neighbours on one side only, where a
-    cubic predicts poorly; they get the uncertainty of the nearest samples with neighbours on both.
+    A sample's uncertainty is twice its distance from the cubic through its four neighbours, and
+    the larger one of both ends counts for an interval. A jump that the samples do not mark counts
+    in full; dense samples of a smooth motion give almost zero. The outermost samples have
+    neighbours on one side only, where a cubic predicts poorly; they get the uncertainty of the
+    nearest samples with neighbours on both.
     """
     t, count = motion.t, motion.t.size
     missed = np.zeros_like(motion.qdd)
@@ -139,16 +140,16 @@ def _acceleration_uncertainty(motion: Motion, first: IntArray) -> FloatArray:
 
 
 LONGEST_SEGMENT = 0.1  # s
-SHORTEST_SEGMENT = 2e-3  # s, if it converges; breaks may be nearer
-SHORTEST_STIFF = 1e-5  # s, if it does not converge
-MOST_SEGMENTS = 5_000  # initial segments, longer in motions beyond 500 s
+SHORTEST_SEGMENT = 2e-3  # s, of segments that converge; breaks may be nearer
+SHORTEST_STIFF = 1e-5  # s, of segments that do not converge
+MOST_SEGMENTS = 5_000  # initial segments; they are longer in motions beyond 500 s
 MOST_TRIED = 200_000  # segments, halved ones included; about 20 s of work
 
 
 def resimulate(robot: Robot, motion: Motion, tolerance: float, first: float = 0.0) -> Resimulation:
     """Simulate a motion again and judge its defects.
 
-    ``tolerance`` is the relative torque error that will be allowed, ``first`` the start time, s.
+    ``tolerance`` is the allowed relative torque error, ``first`` the start time, s.
     """
     mesh, drive = mesh_of(motion), _Drive(robot, motion)
     size = torque_sizes(robot, motion)
@@ -163,7 +164,7 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float, first: float = 0.
     left = tried = 0
     while todo.size and not left:
         low = np.searchsorted(mesh, todo[:, 0] + 1e-9, side="right")
-        # A segment is divided until it holds no break and is resolved, or reaches its least length.
+        # A segment is divided until it is finished, or holds no break and has its least length.
         inner = low < np.searchsorted(mesh, todo[:, 1] - 1e-9, side="left")
         segments, good, converged = _integrated(drive, size * tolerance, todo, inner)
         shortest = np.where(converged, SHORTEST_SEGMENT, SHORTEST_STIFF)
@@ -213,7 +214,7 @@ MOST_ITERATIONS = 16  # iterations before a segment is halved
 CONVERGED_CHANGE = 1e-13  # relative change of the state at which the iteration ends
 KNOWN_STATE = 1e-8  # accuracy of the motion's own states, rad (m) and rad/s (m/s)
 LONGEST_UNDETERMINED = 0.02  # largest length of a segment that inverse dynamics judge alone, s
-FINAL_DEFECT = 100.0  # factor on the tolerance above which a defect is final: no shorter segments
+FINAL_DEFECT = 100.0  # factor on the tolerance above which no shorter segments are tried
 
 
 def _integrated(
@@ -260,7 +261,7 @@ def _integrated(
             change = modes[both[stiff]] @ (_to_modes @ (speed - qd[open_])[both[open_]])[..., None]
             speed[both[open_]] = qd[both] + (_to_places @ change[..., 0]).real
             place = q0[open_] + h1[open_] * (INTEGRALS @ speed)
-            # An error of the velocity matters by the position that it adds within the segment.
+            # An error of the velocity counts by the position error that it causes in the segment.
             change = np.maximum(
                 np.abs(place - q[open_]).max(axis=(1, 2)),
                 np.abs(speed - qd[open_]).max(axis=(1, 2)) * np.minimum(1.0, h[open_]),
@@ -330,7 +331,7 @@ def _figures_of(
     drive: _Drive, every: _Segments, size: FloatArray, tolerance: float, stuck: int, first: float
 ) -> Resimulation:
     robot, motion, count = drive.robot, drive.motion, drive.robot.joint_count
-    # A defect within the sampling uncertainty is no error of the motion: its scale is added.
+    # A defect within the sampling uncertainty is no error: the scale includes the uncertainty.
     share = np.nan_to_num(every.torques / (size + every.unknown / tolerance), nan=np.inf)
     k, joint = np.unravel_index(int(share.argmax()), share.shape)
     lengths = every.end - every.start

@@ -62,7 +62,7 @@ Integrator = Literal["dop853", "cvodes", "idas", "collocation", "rk"]
 MOST_TURNS = 2000  # turns of a joint; about a few seconds of work
 MOST_SAMPLES = 400_000  # samples of a controller; about a few seconds of work
 FINEST = 100  # fixed steps that a sample may take regardless of max_steps
-MOST_DELAY = 1000  # samples of delay; each extends the state
+MOST_DELAY = 1000  # samples of delay; the state holds the torque of each
 
 
 def simulate(
@@ -79,7 +79,7 @@ def simulate(
 ) -> Simulation:
     """Simulate an arm from given torques: ``M(q) qdd = tau - C(q, qd) qd - g(q) - friction``.
 
-    Craig, *Introduction to Robotics*, 3rd ed., section 6.9, by integrators with error control.
+    Craig, *Introduction to Robotics*, 3rd ed., section 6.9; the integrators control their error.
 
     Parameters
     ----------
@@ -94,7 +94,8 @@ def simulate(
     qd0 : array_like [n], optional
         Velocities at the start, rad/s (m/s); default those of the motion, else zero.
     t : array_like [N]
-        Strictly increasing times of the result, s, from the start on; default those of the motion.
+        Strictly increasing times of the result, s, the first at the start; default those of the
+        motion.
     integrator : "dop853", "cvodes", "idas", "collocation" or "rk"
         Method. The first three control the error: Runge-Kutta of order 8 by Dormand and Prince,
         Adams' method, backward differences. The others, Radau collocation of degree 3 and the
@@ -151,7 +152,7 @@ def simulate(
 
 
 class OpenLoop(NamedTuple):
-    """Arm under torques w: ``x' = rate(t, x, w, parameters)``, without parameters."""
+    """Arm under torques w: ``x' = rate(t, x, w, parameters)``; the parameters are empty."""
 
     arm: Robot
 
@@ -185,7 +186,7 @@ def track(
 
     Under continuous control the closed loop is one differential equation. Under sampled control
     the torque is computed from the (noisy) measurement at every sample and held until the next
-    sample: one accumulated map over the samples, each an integration of the arm.
+    sample. One sample is a map that integrates the arm; CasADi accumulates it over all samples.
 
     Parameters
     ----------
@@ -222,7 +223,7 @@ def track(
         See :func:`simulate`; under sampled control a fixed step may always take 100 steps per
         sample.
     time_limit
-        See :func:`simulate`; under sampled control no states are kept.
+        See :func:`simulate`; under sampled control no states are kept after this limit.
 
     Returns
     -------
@@ -304,7 +305,7 @@ def track(
 class ClosedLoop(NamedTuple):
     """Arm under a controller: ``x' = rate(t, x, w, gains)`` along the reference w.
 
-    Equal loops share one function, built and compiled once: gains are its inputs. The law of a
+    Equal loops share one function, compiled once: gains are inputs of the function. The law of a
     user-defined controller is stored as a serialised function.
     """
 
@@ -362,7 +363,7 @@ class Samples(NamedTuple):
     """Sample times of a controller, and the times of the result between them."""
 
     t: FloatArray  # [K]
-    within: FloatArray  # result times after a sample [M], s; the last is the period
+    within: FloatArray  # result times since the last sample [M], s, up to the period
     end: float
 
     @classmethod
@@ -429,8 +430,8 @@ class SampledLoop(NamedTuple):
     def _period(self, samples: Samples, name: str, options: dict[str, Any]) -> ca.Function:
         """Return the map of one sample.
 
-        It takes state, time, reference and measurement error, and returns the next state, the
-        states within the sample, and the torque. The state holds the delayed torques after
+        The map takes state, time, reference and measurement error, and returns the next state,
+        the states within the sample, and the torque. The state holds the delayed torques after
         positions and velocities.
         """
         count, inner = self.arm.joint_count, samples.within.size
