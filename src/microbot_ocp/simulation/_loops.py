@@ -107,7 +107,8 @@ def simulate(
         Largest number of steps: between two times of the grid, or in all for a fixed step.
     time_limit : float
         Wall time, s, after which the integrator is stopped: the status is "time limit", and states
-        that it has not reached are NaN. Up to a tenth of the time reached may be missing.
+        that it has not reached are NaN. With "cvodes" and "idas" up to a tenth of the states before
+        are NaN as well, with a fixed step all of them.
 
     Returns
     -------
@@ -223,7 +224,7 @@ def track(
         See :func:`simulate`; under sampled control a fixed step may always take 100 steps per
         sample.
     time_limit
-        See :func:`simulate`; under sampled control no states are kept after this limit.
+        See :func:`simulate`; at this limit all states of a sampled loop are NaN.
 
     Returns
     -------
