@@ -143,7 +143,7 @@ class Refiner:
         near = solution.gap.total <= POLISHED * wanted * abs(solution.cost)
         if self._is_enough(solution) or polished or near:
             return solution
-        return self.polished(solution, FINISHING_ROUNDS)
+        return self.polished(solution, min(self.rounds, FINISHING_ROUNDS))
 
     def polished(self, solution: Solution, rounds: int) -> Solution:
         """Return a solution at full tolerance on its mesh, followed by refinement rounds.

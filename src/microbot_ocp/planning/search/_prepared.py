@@ -402,7 +402,9 @@ class TimeOptimalSolver:
         exact = min(1.0, self._solver_settings.tolerance / PREPARED.tolerance)
         gap = exact * how.refiner.settings.gap
         settings = replace(self._solver_settings, gap=gap)
-        refiner = replace(how.refiner, rounds=self._rounds, settings=settings)
+        # Slopes need the digits of every solve, and a mesh that does not follow rough ones.
+        rough = how.refiner.rough if exact == 1.0 else None
+        refiner = replace(how.refiner, rounds=self._rounds, settings=settings, rough=rough)
         how = replace(how, refiner=refiner)
 
         def solve(first: Solution | Mapping[str, Guess]) -> Solution:

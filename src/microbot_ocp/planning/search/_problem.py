@@ -60,11 +60,14 @@ class TrialStart:
         Way with the poses of the guess at the stops.
     settings : mapping
         Solver settings by name that replace the usual ones.
+    barrier : float, optional
+        Barrier parameter of a guess that the solve stays near; the solver's own by default.
     """
 
     guess: InitialGuess
     way: Way
     settings: Mapping[str, Any] = field(default_factory=dict)
+    barrier: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -159,7 +159,8 @@ def from_guess(search: MotionSearch, start: TrialStart, intervals: int) -> Motio
     """Solve from an initial guess."""
     refiner, name = coarse(search), start.guess.name
     refiner = replace(refiner, settings=replace(refiner.settings, **start.settings))
-    solution = refiner.solve(intervals, start.guess.guesses, tolerance=COARSE_TOLERANCE)
+    given = {"tolerance": COARSE_TOLERANCE, "barrier": start.barrier}
+    solution = refiner.solve(intervals, start.guess.guesses, **given)
     _report(search, name, solution, f" on {intervals} intervals a phase")
     return _answer(search, name, solution, refiner, way=start.way)
 
@@ -270,7 +271,7 @@ def _next_through_ways(problem: MotionProblem, state: SearchState) -> TrialStart
         return None
     way, guess = pair
     guess = replace(guess, guesses=problem.with_closed(guess.guesses))
-    return TrialStart(guess, way, {"max_iterations": MOST_ITERATIONS})
+    return TrialStart(guess, way, {"max_iterations": MOST_ITERATIONS}, NEAR_WAY_BARRIER)
 
 
 def _guesses(problem: MotionProblem, state: SearchState) -> Iterator[tuple[Way, InitialGuess]]:
