@@ -17,7 +17,8 @@ torques), 180 degrees a second; no torque rates are published.
 The usual chain is RRT-Connect, shortcuts, parabolas at corners and the best timing by toppra, which
 keeps torques, speeds and accelerations at its grid points, but no torque rates or dry friction.
 A further column is the first path of our search, timed by our reachability under torques with
-friction, but without torque rates. ``--page docs/motionbenchmaker.md`` writes the tables there.
+friction, but without torque rates. ``--page FILE`` writes all tables
+at the end of a page; docs/motionbenchmaker.md has parts of them.
 The original meshes are checked by pinocchio and coal against the original boxes and cylinders, at
 places along the motion, without our capsules.
 """

@@ -2,7 +2,8 @@
 
 ``python -m benchmarks prices --out out/prices.jsonl --page docs/how-to/controllers.md`` plans one
 task of four arms as fast as they can, for controllers, with reserves, and for every arm of a box;
-MuJoCo plays the plans with reserves on arms with masses 5 % off. Table and figure go into the page.
+MuJoCo plays the plans with reserves on arms with masses 5 % off. The whole table goes to the end of
+the page, which has parts of it, and the figure into its images.
 
 ``python -m benchmarks prices --check 50`` draws tasks of ``benchmarks/torture.py`` (free motions of
 at most six joints) and compares slopes by the multipliers of one prepared solve with central

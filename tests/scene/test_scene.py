@@ -457,7 +457,7 @@ def test_what_is_far_away_changes_nothing(stopped: bool) -> None:
 def without_search(monkeypatch: pytest.MonkeyPatch) -> None:
     """The time is over when the search through stops begins, on a busy machine as on a fast one."""
     place = "microbot_ocp.planning.search._stops_among._OrderAmongObstacles._found"
-    monkeypatch.setattr(place, lambda *_: (([], ""), [], None))
+    monkeypatch.setattr(place, lambda *_: None)
 
 
 @pytest.mark.thorough

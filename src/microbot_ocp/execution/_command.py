@@ -22,12 +22,11 @@ from microbot_ocp.execution._profile import HELD, Profile, load_profile
 from microbot_ocp.execution._rows import CommandRows
 from microbot_ocp.limits import LIMIT_TOLERANCE, ROUNDING, LimitFamily
 from microbot_ocp.motion import JUMP_GAP, Columns, Mark, Motion, State, write_columns
+from microbot_ocp.planning.free import LARGEST_SLOWDOWN
 from microbot_ocp.planning.search import FREE, time_optimal
 from microbot_ocp.planning.task import Segment, Task, limits_digest
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import Scene
-
-LARGEST_SLOWDOWN = 1.5  # largest factor of the duration until every segment keeps its limits
 
 
 @dataclass(frozen=True, eq=False)

@@ -41,7 +41,7 @@ from microbot_ocp.motion import (
     sample_times,
 )
 from microbot_ocp.planning import PathTimingSettings
-from microbot_ocp.planning.free import with_steady_ends
+from microbot_ocp.planning.free import MOST_GRIDS, with_steady_ends
 from microbot_ocp.planning.path import (
     CurveLimits,
     CurvePiece,
@@ -54,7 +54,6 @@ from microbot_ocp.planning.path import (
 from microbot_ocp.planning.task import with_locked_joints_held
 from microbot_ocp.robot import Robot
 
-MOST_GRIDS = 6  # largest number of grids, each refined where a limit is exceeded
 Samples = tuple[FloatArray, State, FloatArray]  # sample times, states, and ends of pieces
 Places = tuple[FloatArray, FloatArray]  # path parameters, and their times
 TOLERANCE = PathTimingSettings.limit_tolerance

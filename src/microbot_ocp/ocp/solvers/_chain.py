@@ -311,14 +311,13 @@ def _rank(status: Status) -> int:
 
 # Barrier parameters of further solves for a small gap
 GAP_SHARE = 0.5  # fraction of the wanted gap that the barrier may take
-WARM_BARRIER = 1e-6  # barrier parameter of a warm start
 USUAL_COMPLEMENTARITY = 1e-4  # IPOPT's tolerance by default
 LEAST_BARRIER = 1e-15  # least barrier parameter that solvers reach
 ROUGH_GAP = 2e-4  # gap left by a solve that accepts any, relative to the cost
 
 # Barrier and distance from the bounds agree: steps are short where products of multipliers and
 # slacks differ from the barrier.
-WARM_START = dict.fromkeys(("mu_init", *WARM_PUSHES), WARM_BARRIER)
+WARM_START = dict.fromkeys(("mu_init", *WARM_PUSHES), 1e-6)
 
 # Tolerance and options of each further solve. IPOPT relaxes bounds by 1e-8 of their size by
 # default; the second solve reduces this, which needs a larger barrier parameter. Near an optimum of

@@ -32,6 +32,8 @@ from ._problem import (
 from ._progress import MotionIteration as MotionIteration, with_motion as with_motion
 from ._switching import in_arcs as in_arcs
 from ._within_limits import (
+    LARGEST_SLOWDOWN as LARGEST_SLOWDOWN,
+    MOST_GRIDS as MOST_GRIDS,
     Slowed as Slowed,
     known_ways as known_ways,
     largest_excess as largest_excess,

@@ -33,7 +33,7 @@ from microbot_ocp.ocp.solution import StepProgress, quiet
 from microbot_ocp.planning.free import InitialGuess, guesses_along, joined, known_ways, phase_names
 from microbot_ocp.planning.path import LATER, PathTiming, check_path, time_path
 from microbot_ocp.planning.search._branches import straight_way
-from microbot_ocp.planning.search._guided import GuidedSearch, poses_along
+from microbot_ocp.planning.search._guided import GuidedSearch, is_clear, poses_along
 from microbot_ocp.planning.search._queue import Level, best_first
 from microbot_ocp.planning.search._result import NONE_WITHIN, returned
 from microbot_ocp.planning.search._settings import TimeOptimalSettings, reserving
@@ -279,16 +279,12 @@ class _Start:
     @property
     def keeps_limits(self) -> bool:
         """False for a motion that is not solved or not proved to keep clear."""
-        return self.motion is None or (self.motion.solved and self._is_clear)
-
-    @property
-    def _is_clear(self) -> bool:
-        return self.proof is not None and self.proof.proved
+        return self.motion is None or (self.motion.solved and is_clear(self.proof))
 
     @property
     def fallback(self) -> ProvedPath | None:
         """Motion that keeps clear and the limits, but is not solved."""
-        if self.motion is None or self.proof is None or self.motion.solved or not self._is_clear:
+        if self.motion is None or self.motion.solved or not is_clear(self.proof):
             return None
         return ProvedPath(self.path.name, self.motion, self.proof)
 
@@ -325,7 +321,7 @@ def fastest_among(
         if not motions:
             return []
         motion, proof = motions[0][1], proofs[0]
-        if not motion.solved and proof is not None and proof.proved:
+        if not motion.solved and is_clear(proof):
             motion = replace(motion, provenance={"made_from": THE_MOTION, **motion.provenance})
         given = {"duration": motion.duration, "motion": motion, "proof": proof}
         return [replace(start, level=Level.FINISHED, **given)]
@@ -367,7 +363,7 @@ def at_least(fallback: ProvedPath | None, motion: Motion | None, proof: Clearanc
     if motion is not None:
         faster = fallback is None or motion.duration < fallback.motion.duration
         faster = faster or "least_effort" in motion.provenance
-        if proof is not None and proof.proved and (faster or not motion.solved):
+        if is_clear(proof) and (faster or not motion.solved):
             provenance = {**motion.provenance, "clearance": as_plain(proof)}
             return replace(motion, provenance=provenance)
     assert fallback is not None
@@ -390,7 +386,7 @@ def _outcome_of(fallback: ProvedPath, motion: Motion | None, proof: Clearance | 
     slower = is_timed_path and motion.duration >= fallback.motion.duration
     if slower and outcome.status is Status.LIMITS_EXCEEDED:  # the faster path keeps the limits
         outcome = Outcome.of(Status.SOLVED, NOTHING_FASTER)
-    if proof is not None and proof.proved:
+    if is_clear(proof):
         outcome = Outcome.of(outcome.status, NOTHING_FASTER)
         if deadline.over():
             outcome = Outcome.of(deadline.status())

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import TypeGuard
 
 import numpy as np
 
@@ -337,7 +338,7 @@ class GuidedSearch:
         for answer in answers:
             motion = motion_from(replace(best, answer=answer))
             proof = self._proof(motion)
-            if proof is not None and proof.proved:
+            if is_clear(proof):
                 break
         return motion, proof, answer
 
@@ -347,9 +348,9 @@ class GuidedSearch:
         """Return coarse answers under larger distances, from a refined answer or from the way."""
         if refused is not None:
             search = self._search(around, finer)
-            state = resumed(search, refused)
-            if state.answers[0].solved:
-                return CoarseResult(search, state, around, finer)
+            again = resumed(search, refused)
+            if again.solved:
+                return CoarseResult(search, SearchState((again,)), around, finer)
         return self.coarse_result(around, finer)
 
     def _search(self, around: RequiredDistances, finer: int) -> MotionSearch:
@@ -384,6 +385,11 @@ class GuidedSearch:
             around, _, more_left_out = around.after(along, NEAR)
             left_out = left_out or more_left_out
         return around, left_out
+
+
+def is_clear(proof: Clearance | None) -> TypeGuard[Clearance]:
+    """Return True if a motion is proved to keep clear."""
+    return proof is not None and proof.proved
 
 
 def poses_along(

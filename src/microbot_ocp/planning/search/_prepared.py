@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
@@ -27,9 +27,9 @@ from microbot_ocp.limits import (
     with_reserve,
 )
 from microbot_ocp.motion import DurationLine, Motion, State
-from microbot_ocp.ocp import ParametricSolver, Solution, SolverSettings
+from microbot_ocp.ocp import ParametricSolver, Phase, Solution, SolverSettings
 from microbot_ocp.ocp.refinement import WORSE, split
-from microbot_ocp.ocp.solution import quiet
+from microbot_ocp.ocp.solution import quiet, unpack
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.planning.free import (
     JERK_WEIGHT,
@@ -56,7 +56,7 @@ from microbot_ocp.planning.search._refinement import (
     switch_marks,
 )
 from microbot_ocp.planning.search._result import fastest
-from microbot_ocp.planning.search._search import MotionAnswer, SearchState, from_plain, plain_of
+from microbot_ocp.planning.search._search import MotionAnswer, SearchState
 from microbot_ocp.planning.search._settings import (
     COARSE_MESH,
     FULL_MESH,
@@ -710,7 +710,7 @@ class TimeOptimalSolver:
 
     def __getstate__(self) -> dict[str, Any]:
         base = self._own
-        plain = base and (plain_of(base.reference, base.kernels.problem.phases), base.smoothing)
+        plain = base and (_plain_of(base.reference, base.kernels.problem.phases), base.smoothing)
         return vars(self) | {"_own": plain, "_kernels": None, "_solvers": {}}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -718,7 +718,7 @@ class TimeOptimalSolver:
         self._kernels = self._transcribed()
         if state["_own"] is not None:
             plain, smoothing = state["_own"]
-            self._own = _Prepared(*from_plain(self._kernels, plain), smoothing)
+            self._own = _Prepared(*_from_plain(self._kernels, plain), smoothing)
 
 
 def _slowed_down(
@@ -739,3 +739,21 @@ def _slowed_down(
         if slowed is not None and slowed.duration <= (1.0 + WORSE) * solution.duration:
             return slowed, Outcome.of(Status.SOLVED), largest_excess(family, slowed)
     return None, outcome, largest(excess)
+
+
+def _plain_of(solution: Solution, phases: Iterable[Phase]) -> tuple[Any, ...]:
+    """Return a solution as plain data, without the kernels of the phases."""
+    # Kernels hold compiled functions and cannot be pickled: meshes and parameters suffice to build
+    # them again.
+    parameters = {phase.name: {p.name: p.value for p in phase.parameters} for phase in phases}
+    meshes = [phase.mesh for phase in solution.phases]
+    return replace(solution, phases=()), meshes, parameters
+
+
+def _from_plain(kernels: Transcription, plain: tuple[Any, ...]) -> tuple[Solution, Transcription]:
+    """Return the solution of plain data, and the kernels with its parameter values."""
+    solution, meshes, parameters = plain
+    if any(parameters.values()):
+        kernels = kernels.with_parameters(parameters)
+    phases = unpack(kernels.layouts(meshes), solution.variables)
+    return replace(solution, phases=phases), kernels

@@ -42,9 +42,9 @@ from microbot_ocp.planning.search._search import (
     timed_step,
 )
 from microbot_ocp.planning.search._settings import (
-    LARGEST_SLOWDOWN,
     LEAST_GAIN,
     MOST_ITERATIONS,
+    REPLACING_SLOWDOWN,
     SAME_OPTIMUM,
     SMOOTHING_COST_LIMIT,
     TIMED_PATH_BARRIER,
@@ -73,6 +73,7 @@ SMOOTHING_BARRIER = 1e-2  # barrier parameter of the first solve with increased 
 SMOOTHING_FACTORS = (1e6, 1e5, 1e4, 1e3, 1e2, 10.0, 1.0)
 SMOOTHING_ITERATIONS = 200  # iteration limit of each solve with increased smoothing
 TIMED_PATH_TOLERANCE = 1e-4  # solver tolerance among obstacles, relative
+RATED_GAP = 1e-4  # relative gap wanted under limits of jerks and torque rates
 USUAL_ITERATIONS = 100  # iteration limit of a full or refined mesh, and of the last step
 
 
@@ -118,7 +119,6 @@ def wanted_gap(problem: MotionProblem) -> float:
 # finer meshes ---------------------------------------------------------------------------------
 
 TINY = 1e-12
-RATED_GAP = 1e-4  # relative gap wanted under limits of jerks and torque rates
 SHORTEST = 0.05  # share of a phase's longest interval below which none is split at a switch
 # Name of each step in the ledger
 FULL_MESH = "full mesh"
@@ -166,27 +166,18 @@ def _same(finer: MotionAnswer, coarser: MotionAnswer) -> bool:
     return finer.duration <= (1.0 + SAME_OPTIMUM) * coarser.duration
 
 
-def resumed(search: MotionSearch, answer: MotionAnswer) -> SearchState:
-    """Return a state in which a refined answer is solved again under more limits."""
-    begin, weight = time.perf_counter(), answer.smoothing
+@timed_step
+def resumed(search: MotionSearch, answer: MotionAnswer) -> MotionAnswer:
+    """Solve a refined answer again under more limits, on its own meshes."""
+    weight = answer.smoothing
     kernels = _smoothed(search, search.refiner.transcription, weight)
     refiner = replace(search.refiner, transcription=kernels, history=[])
     meshes = [phase.mesh for phase in answer.solution.phases]
     first = replace(refiner, once=False)
     solution = first.solve(meshes, answer.solution, barrier=TIMED_PATH_BARRIER)
     search.progress(f"start {answer.start}: {solution.duration:.6f} s, {solution.status}")
-    again = MotionAnswer(
-        start=answer.start,
-        solution=solution,
-        refiner=refiner,
-        smoothing=weight,
-        before=answer,
-        solves=tuple(first.history),
-        seconds=time.perf_counter() - begin,
-        step=FULL_MESH,
-        level=Level.FULL,
-    )
-    return SearchState((again,))
+    given = {"before": answer, "solves": tuple(first.history), "step": FULL_MESH}
+    return MotionAnswer(answer.start, solution, refiner, weight, **given, level=Level.FULL)
 
 
 def _smoothed(search: MotionSearch, kernels: Transcription, weight: float) -> Transcription:
@@ -416,7 +407,7 @@ def last_digits(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
     off its limits. A few iterations from the multipliers reduce the cost of this to almost zero.
     """
     refiner, solution = _going_on(subject), subject.solution
-    loose = not solution.gap.total <= LARGEST_SLOWDOWN * abs(solution.cost)
+    loose = not solution.gap.total <= REPLACING_SLOWDOWN * abs(solution.cost)
     if search.problem.timed_path is None:
         solution = refiner.finished(solution)
     elif loose and search.worst(solution) <= search.settings.limit_tolerance:

@@ -7,7 +7,7 @@ answers of a search form a :class:`SearchState`, and the ledger has a row for ea
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import wraps
 from typing import Any, Concatenate, ParamSpec
@@ -15,15 +15,14 @@ from typing import Any, Concatenate, ParamSpec
 from microbot_ocp._base import deadline
 from microbot_ocp._base.outcome import Ledger, LedgerRow
 from microbot_ocp._base.status import Status
-from microbot_ocp.ocp import Explanation, Phase, Solution
+from microbot_ocp.ocp import Explanation, Solution
 from microbot_ocp.ocp.refinement import Refiner
-from microbot_ocp.ocp.solution import StepProgress, unpack
-from microbot_ocp.ocp.transcription import Transcription
+from microbot_ocp.ocp.solution import StepProgress
 from microbot_ocp.planning.search._branches import Way
 from microbot_ocp.planning.search._problem import MotionProblem
 from microbot_ocp.planning.search._queue import Level
 from microbot_ocp.planning.search._settings import (
-    LARGEST_SLOWDOWN,
+    REPLACING_SLOWDOWN,
     SAME_OPTIMUM,
     TimeOptimalSettings,
 )
@@ -195,24 +194,6 @@ class MotionSearch:
         return largest(self.problem.excess(solution))
 
 
-def plain_of(solution: Solution, phases: Iterable[Phase]) -> tuple[Any, ...]:
-    """Return a solution as plain data, without the kernels of the phases."""
-    # Kernels hold compiled functions and cannot be pickled: meshes and parameters suffice to build
-    # them again.
-    parameters = {phase.name: {p.name: p.value for p in phase.parameters} for phase in phases}
-    meshes = [phase.mesh for phase in solution.phases]
-    return replace(solution, phases=()), meshes, parameters
-
-
-def from_plain(kernels: Transcription, plain: tuple[Any, ...]) -> tuple[Solution, Transcription]:
-    """Return the solution of plain data, and the kernels with its parameter values."""
-    solution, meshes, parameters = plain
-    if any(parameters.values()):
-        kernels = kernels.with_parameters(parameters)
-    phases = unpack(kernels.layouts(meshes), solution.variables)
-    return replace(solution, phases=phases), kernels
-
-
 def ledger_of(state: SearchState, last: MotionAnswer) -> Ledger:
     """Return the ledger: one row per answer, with a mark on the lineage of the last one."""
     lineage = set(map(id, last.lineage))
@@ -241,7 +222,7 @@ def is_enough(problem: MotionProblem, solution: Solution) -> bool:
     if largest(problem.excess(solution)) <= problem.settings.limit_tolerance:
         return False
     slower = problem.slowed(solution)
-    return slower is not None and slower.duration <= (1.0 + LARGEST_SLOWDOWN) * solution.duration
+    return slower is not None and slower.duration <= (1.0 + REPLACING_SLOWDOWN) * solution.duration
 
 
 def rank(search: MotionSearch, solution: Solution) -> tuple[bool, float]:

@@ -41,6 +41,7 @@ from microbot_ocp.planning.search._guided import (
     CoarseResult,
     FrontFunction,
     GuidedSearch,
+    is_clear,
     poses_along,
 )
 from microbot_ocp.planning.search._orders import (
@@ -157,8 +158,7 @@ class _Guided:
     def rank(self) -> tuple[bool, bool, float]:
         """Sort key: solved and clear motions first, then other clear ones; ties by duration."""
         # The first motion of a front decides: its other motions start from the first.
-        clear = any(proof is not None and proof.proved for proof in self.proofs[:1])
-        return not self.keeps_limits, not clear, self.duration
+        return not self.keeps_limits, not any(map(is_clear, self.proofs[:1])), self.duration
 
 
 class _OrderAmongObstacles:
@@ -212,13 +212,18 @@ class _OrderAmongObstacles:
                 self._coarse_results[guide.name] = self._search(guide).coarse_result()
         return self._coarse_results.get(guide.name)
 
+    @cached_property
+    def _first_paths(self) -> dict[Way, GuidedWay]:
+        """The fastest timed path of each way."""
+        paths: dict[Way, GuidedWay] = {}
+        for guide in self._guided:
+            paths.setdefault(guide.way, guide)
+        return paths
+
     def coarse_duration(self, duration_to_beat: float) -> float:
         """Return the least coarse duration of all ways on their fastest paths, s, with dwells."""
         dwell_time, least = float(self.task.dwells.sum()), np.inf
-        # Later entries of a dictionary replace earlier ones, so the list is reversed to keep the
-        # first path of each way.
-        fastest = list({guide.way: guide for guide in reversed(self._guided)}.values())
-        for guide in reversed(fastest):
+        for guide in self._first_paths.values():
             most = min(duration_to_beat - dwell_time, least)
             if least_time(self.task, guide.way) > most or (np.isfinite(most) and deadline.over()):
                 continue
@@ -235,9 +240,12 @@ class _OrderAmongObstacles:
         The best coarse answer is refined; if it leads to no motion that is proved to keep clear,
         the next one follows.
         """
-        front, proofs, taken = self._found(front_of)
-        fallback = None if self._beats_paths(front, proofs) else self._fallback
-        branches = [] if taken is None else self._branches(taken)
+        found = self._found(front_of)
+        # A solved and clear motion that is faster than any timed path needs no fallback.
+        best = found is not None and found.keeps_limits and found.duration <= self.rest_duration
+        fallback = None if best else self._fallback
+        front, proofs = (([], ""), []) if found is None else (found.front, found.proofs)
+        branches = [] if found is None else self._branches(found.guide.way)
         judged: list[tuple[float, Motion]] = []
         for place, ((effort, motion), proof) in enumerate(zip(front[0], proofs, strict=True)):
             remark = one_remark(remark_of_branches(branches), motion.remark)
@@ -258,10 +266,8 @@ class _OrderAmongObstacles:
         names = list(self._scene.names)
         return [(effort, _with(motion, scene=names)) for effort, motion in judged], front[1]
 
-    def _found(
-        self, front_of: FrontFunction | None
-    ) -> tuple[Front, list[Clearance | None], Way | None]:
-        """Return the requested motions, the proofs that they keep clear, and their way."""
+    def _found(self, front_of: FrontFunction | None) -> _Guided | None:
+        """Return the way with the best of the requested motions, or None."""
 
         def raised(guided: _Guided, _: float) -> list[_Guided]:
             result = self._coarse(guided.guide)
@@ -273,28 +279,12 @@ class _OrderAmongObstacles:
             if not front[0]:
                 return []
             motion, proof = front[0][0][1], proofs[0]
-            solved = motion.solved and proof is not None and proof.proved
+            solved = motion.solved and is_clear(proof)
             given = {"duration": motion.duration, "solved": solved, "front": front}
             return [replace(guided, level=Level.FINISHED, proofs=proofs, **given)]
 
-        best = min(
-            best_first(map(self._candidate, self._guided), raised),
-            key=lambda guided: guided.rank,
-            default=None,
-        )
-        if best is None:
-            return ([], ""), [], None
-        return best.front, best.proofs, best.guide.way
-
-    def _beats_paths(self, front: Front, proofs: Sequence[Clearance | None]) -> bool:
-        """Return True if the first motion is solved, clear, and faster than any timed path."""
-        if not front[0] or not front[0][0][1].solved:
-            return False
-        return (
-            proofs[0] is not None
-            and proofs[0].proved
-            and (front[0][0][1].duration <= self.rest_duration)
-        )
+        finished = best_first(map(self._candidate, self._guided), raised)
+        return min(finished, key=lambda guided: guided.rank, default=None)
 
     def _candidate(self, guide: GuidedWay) -> _Guided:
         """Return a path around obstacles as a candidate.
@@ -302,7 +292,7 @@ class _OrderAmongObstacles:
         A motion may be far faster than the timing of its path from rest to rest. The first path of
         each way is therefore bounded by velocities; other paths of the way count by their timing.
         """
-        if guide is next(other for other in self._guided if other.way is guide.way):
+        if guide is self._first_paths[guide.way]:
             return _Guided(guide, least_time(self.task, guide.way))
         timed = optimistic_duration_of(self.task, guide.durations, share=1.0)
         return _Guided(guide, timed - float(self.task.dwells.sum()))
