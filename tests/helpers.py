@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from itertools import product
 from typing import Any
@@ -26,6 +27,25 @@ RANDOM_CHAINS = {
     "rrrrrr": (6, "rrrrrr"),
     "rrrprrr": (7, "rrrprrr"),
 }
+
+
+@contextmanager
+def refused(
+    *parts: object, error: type[BaseException] = mo.InputError
+) -> Iterator[pytest.ExceptionInfo[BaseException]]:
+    """Require an error whose message holds these names, values, units and allowed values.
+
+    The sentence around them is free: a test that asserted it would break with every rewording.
+    """
+    with pytest.raises(error) as caught:
+        yield caught
+    tells(str(caught.value), *parts)
+
+
+def tells(text: str, *parts: object) -> None:
+    """Assert that a text holds these names, values and units."""
+    missing = [part for part in map(str, parts) if part not in text]
+    assert not missing, f"{missing} missing in {text!r}"
 
 
 def crossed(*axes: Iterable[Any]) -> list[Any]:
