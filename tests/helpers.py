@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import lru_cache
@@ -42,10 +43,33 @@ def refused(
     tells(str(caught.value), *parts)
 
 
+@contextmanager
+def warned(*parts: object, category: type[Warning] = UserWarning) -> Iterator[None]:
+    """Require a warning whose message holds these names, values, units and allowed values."""
+    with pytest.warns(category) as caught:
+        yield
+    messages = [str(one.message) for one in caught if issubclass(one.category, category)]
+    assert any(not missing_in(text, parts) for text in messages), f"{parts} in none of {messages}"
+
+
 def tells(text: str, *parts: object) -> None:
     """Assert that a text holds these names, values and units."""
-    missing = [part for part in map(str, parts) if part not in text]
+    missing = missing_in(text, parts)
     assert not missing, f"{missing} missing in {text!r}"
+
+
+def missing_in(text: str, parts: Iterable[object]) -> list[str]:
+    """Return the parts that a text does not hold. A number is not part of a longer number."""
+    return [
+        part
+        for part in map(str, parts)
+        if not re.search(
+            r"(?<![\d.])" * part[:1].isdigit()
+            + re.escape(part)
+            + r"(?!\.?\d)" * part[-1:].isdigit(),
+            text,
+        )
+    ]
 
 
 def crossed(*axes: Iterable[Any]) -> list[Any]:
