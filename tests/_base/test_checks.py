@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from helpers import refused
 from microbot_ocp import InputError
 from microbot_ocp._base import checks
 
@@ -25,7 +26,7 @@ def test_number_takes_whatever_is_one_number(value: object, expected: float) -> 
     ids=repr,
 )
 def test_number_refuses_what_is_not_one_number(value: object) -> None:
-    with pytest.raises(InputError, match=r"^mass must be a number, not "):
+    with refused("mass", "number"):
         checks.number("mass", value, "kg")
 
 
@@ -42,9 +43,9 @@ def test_number_refuses_what_is_not_one_number(value: object) -> None:
 def test_number_out_of_bounds_names_argument_value_unit_and_bound(
     value: float, bounds: dict[str, float], message: str
 ) -> None:
-    with pytest.raises(InputError) as refused:
+    with pytest.raises(InputError) as caught:
         checks.number("mass", value, "kg", **bounds)
-    assert str(refused.value) == message
+    assert str(caught.value) == message
 
 
 def test_number_on_a_closed_bound_passes() -> None:
@@ -72,9 +73,9 @@ def test_array_is_a_read_only_copy() -> None:
 def test_array_of_another_shape_names_both_shapes(
     value: object, shape: tuple[int | None, ...], wanted: str, have: str
 ) -> None:
-    with pytest.raises(InputError) as refused:
+    with pytest.raises(InputError) as caught:
         checks.array("q", value, shape)
-    assert str(refused.value) == f"q must have shape {wanted}, not {have}"
+    assert str(caught.value) == f"q must have shape {wanted}, not {have}"
 
 
 @pytest.mark.parametrize(
@@ -94,29 +95,29 @@ def test_array_of_another_shape_names_both_shapes(
     ids=str,
 )
 def test_array_refuses_what_is_not_numbers(value: object) -> None:
-    with pytest.raises(InputError, match=r"^q must be an array of numbers, not "):
+    with refused("q must", "array", "numbers"):
         checks.array("q", value, (3,))
 
 
 def test_array_says_which_entry_is_not_finite() -> None:
     table = np.zeros((2, 3))
     table[1, 2] = np.nan
-    with pytest.raises(InputError) as refused:
+    with pytest.raises(InputError) as caught:
         checks.array("q", table, (None, 3), "rad")
-    assert str(refused.value) == "q must be finite, but entry [1, 2] is nan rad"
+    assert str(caught.value) == "q must be finite, but entry [1, 2] is nan rad"
 
 
 def test_array_lets_infinity_pass_where_it_may_but_never_nan() -> None:
     assert checks.array("limit", [np.inf], (1,), finite=False)[0] == np.inf
-    with pytest.raises(InputError, match=r"entry \[0\] is nan"):
+    with refused("limit", "[0]", "nan"):
         checks.array("limit", [np.nan], (1,), finite=False)
-    with pytest.raises(InputError, match=r"entry \[0\] is nan"):
+    with refused("limit", "[0]", "nan"):
         checks.array("limit", [None], (1,), finite=False)
 
 
 def test_one_of_lists_what_is_allowed() -> None:
     assert checks.one_of("method", "b", ("a", "b")) == "b"
-    with pytest.raises(InputError, match=r"^method must be one of a, b, not 'c'$"):
+    with refused("method", "a, b", "'c'"):
         checks.one_of("method", "c", iter(["a", "b"]))
 
 

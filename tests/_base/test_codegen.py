@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
-from helpers import any_robot, batch, difference, random_states
+from helpers import any_robot, batch, difference, random_states, warned
 from microbot_ocp import fast_call
 from microbot_ocp._base import codegen
 from microbot_ocp._base.codegen import compile_function, compile_functions, compile_recipe
@@ -163,7 +163,7 @@ def test_without_a_compiler_the_function_itself_comes_back_with_a_warning(
 ) -> None:
     monkeypatch.setattr(codegen, "compiler", lambda: None)
     plain = doubled()
-    with pytest.warns(mo.NotCompiled, match="not compiled: doubled .*no C compiler"):
+    with warned("doubled", "no C compiler", category=mo.NotCompiled):
         result = compile_function(plain)
     assert result is plain
     assert not folder.exists()
@@ -189,7 +189,7 @@ def test_failing_compiler_is_quoted_in_the_warning(
     broken = stub_compiler(tmp_path / "broken-cc", "echo out of paper >&2; exit 3")
     monkeypatch.setattr(codegen, "compiler", lambda: broken)
     plain = doubled()
-    with pytest.warns(mo.NotCompiled, match="status 3: out of paper"):
+    with warned("doubled", "broken-cc", "status 3", "out of paper", category=mo.NotCompiled):
         assert compile_function(plain) is plain
     assert list(folder.iterdir()) == []
 
@@ -210,7 +210,7 @@ def test_what_is_no_library_is_warned_about(folder: Path, monkeypatch: pytest.Mo
     folder.mkdir()
     broken.write_bytes(b"not a library")
     monkeypatch.setattr(codegen, "build_library", lambda *arguments: broken)
-    with pytest.warns(mo.NotCompiled, match="not compiled: doubled"):
+    with warned("doubled", "broken.so", category=mo.NotCompiled):
         compile_function(doubled())
     assert not broken.exists()
 
@@ -299,7 +299,7 @@ def test_a_compiler_that_hangs_is_ended_with_its_children(
     script = f"sleep 60 & echo $! > {tmp_path}/child; wait"
     monkeypatch.setattr(codegen, "compiler", lambda: stub_compiler(tmp_path / "slow-cc", script))
     monkeypatch.setattr(codegen, "COMPILE_TIMEOUT", 0.5)
-    with pytest.warns(mo.NotCompiled, match=r"was ended after 0\.5 s"):
+    with warned("doubled", "slow-cc", "0.5 s", category=mo.NotCompiled):
         compile_function(doubled())
     wait_for_the_end_of(tmp_path / "child")
     assert list(folder.iterdir()) == []
@@ -352,7 +352,7 @@ def test_a_compiler_may_say_what_is_no_text(
 ) -> None:
     rude = stub_compiler(tmp_path / "rude-cc", r"printf '\377\376 no' >&2; exit 1")
     monkeypatch.setattr(codegen, "compiler", lambda: rude)
-    with pytest.warns(mo.NotCompiled, match="status 1"):
+    with warned("doubled", "rude-cc", "status 1", category=mo.NotCompiled):
         compile_function(doubled())
 
 

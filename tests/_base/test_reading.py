@@ -6,6 +6,7 @@ import os
 import pytest
 
 import microbot_ocp as mo
+from helpers import refused
 from microbot_ocp._base import reading
 from microbot_ocp.scene import load_scene
 from microbot_ocp.sweeps import load_sweep, read_study
@@ -29,16 +30,16 @@ def test_pipes_devices_and_huge_files_are_refused(tmp_path, monkeypatch, name):
     path = tmp_path / name
     path.parent.mkdir(exist_ok=True)
     os.mkfifo(path)
-    with pytest.raises(mo.InputError, match="a pipe or a device"):
+    with refused(path.name, "a pipe"):
         READERS[name](path)
     path.unlink()
     path.symlink_to("/dev/zero")
-    with pytest.raises(mo.InputError, match="a pipe or a device"):
+    with refused(path.name, "a pipe"):
         READERS[name](path)
     path.unlink()
     path.write_text(json.dumps({"a": "b"}))
     monkeypatch.setattr(reading, "MOST_BYTES", 9)
-    with pytest.raises(mo.InputError, match="more than 9 bytes"):
+    with refused(path.name, "9 bytes"):
         READERS[name](path)
 
 
@@ -50,7 +51,7 @@ def test_tables_that_are_pipes_are_refused(tmp_path, name):
         'schema = 1\nrobot = "microbot"\nmethods = ["cubic"]\n[cases]\nkind = "table"\n'
         f'file = "{name}"\n'
     )
-    with pytest.raises(mo.InputError, match="a pipe or a device"):
+    with refused(name, "a pipe"):
         read_study(tmp_path / "study.toml")
 
 

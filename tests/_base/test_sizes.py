@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
+from helpers import refused
 from microbot_ocp._base import checks
 from microbot_ocp.scene import load_scene
 
@@ -18,22 +19,27 @@ VIA = [[0.0, 0.0, 0.0], [-1.0, 1.0, 1.0]]
 
 @pytest.mark.parametrize("setting", ["mesh", "starts", "tries"])
 def test_settings_beyond_all_computers_are_refused(robot, setting):
-    with pytest.raises(mo.InputError, match=f"{setting} must be at most 20000"):
+    with refused(setting, "20000", "1000000000000"):
         mo.time_optimal(robot, VIA, **{setting: 10**12})
 
 
 def test_grids_of_gigabytes_are_refused(robot):
     path = mo.straight_path(VIA)
     for call in (mo.planning.time_path, mo.planning.phase_plane, mo.time_optimal_path):
-        with pytest.raises(mo.InputError, match="grid must be at most 20000"):
+        with refused("grid", "20000", "100000"):
             call(robot, path, grid=100_000)
 
 
 @pytest.mark.parametrize(
-    "limit", [{"qd_max": 1e-7}, {"qdd_max": 1e-11}, {"qddd_max": 1e-19}, {"taud_max": 1e-9}]
+    ("limit", "said"),
+    [
+        ({"qd_max": 1e-7}, ("qd_max of joint 'waist'", "1e-07 rad/s,", "10000 s")),
+        ({"qdd_max": 1e-11}, ("qdd_max of joint 'waist'", "1e-11 rad/s^2", "10000 s")),
+        ({"qddd_max": 1e-19}, ("qddd_max of joint 'waist'", "1e-19 rad/s^3", "10000 s")),
+        ({"taud_max": 1e-9}, ("taud_max of joint 'shoulder'", "1e-09 N m/s", "10000 s")),
+    ],
 )
-def test_motions_of_days_are_refused(robot, limit):
-    said = f"{next(iter(limit))} of joint '(waist|shoulder)' is .* would last more than"
+def test_motions_of_days_are_refused(robot, limit, said):
     slow, ends = robot.with_limits(**limit), [mo.Stop(q=q) for q in VIA]
     for call in (
         lambda: mo.time_optimal(slow, VIA),
@@ -41,7 +47,7 @@ def test_motions_of_days_are_refused(robot, limit):
         lambda: mo.time_optimal_path(slow, mo.straight_path(VIA)),
         lambda: mo.time_optimal(slow, VIA if "taud_max" in limit else ends),
     ):
-        with pytest.raises(mo.InputError, match=said):
+        with refused(*said):
             call()
 
 
@@ -51,13 +57,13 @@ def test_motions_of_days_are_refused(robot, limit):
     ids=lambda limit: limit.name,
 )
 def test_further_limits_that_make_a_motion_last_for_days_are_refused(robot, limit):
-    with pytest.raises(mo.InputError, match=rf"a limit \({limit.name}\) lets a straight motion"):
+    with refused(f"({limit.name})", "straight motion"):
         mo.time_optimal(robot.with_limits(also=[limit]), VIA)
 
 
 @pytest.mark.parametrize("pairs", [5, True, "ab", [1], [["a"]]])
 def test_what_is_no_pair_to_ignore_is_refused(pairs):
-    with pytest.raises(mo.InputError, match="ignore must"):
+    with refused("ignore must"):
         load_scene({"ignore": pairs})
 
 
@@ -65,7 +71,7 @@ def test_a_long_motion_has_fewer_samples_a_second(robot):
     motion = mo.Motion.from_polynomial(robot, mo.quintic(VIA, [0, 1e6]), label="slow")
     assert motion.t.size <= checks.MOST_SAMPLES / 100 + 2
     assert motion.duration == 1e6
-    with pytest.raises(mo.InputError, match="samples would be 1e\\+09"):
+    with refused("number of samples", "1e+09", "2,000,000"):
         motion.resample(1000.0)
 
 
@@ -74,31 +80,29 @@ def test_a_long_motion_has_fewer_samples_a_second(robot):
 )
 def test_simulations_of_terabytes_are_refused(robot, given):
     shape = mo.quintic(VIA, [0.0, 2.0])
-    with pytest.raises(mo.InputError, match=r"the number of samples would be [12]e\+12"):
+    with refused("number of samples", "e+12", "2,000,000"):
         mo.track(robot, shape, mo.ComputedTorque(kp=100.0), **given)
 
 
 def test_simulations_of_years_are_refused(robot):
-    with pytest.raises(mo.InputError, match="duration must be at most 10000 s, not 1000000000"):
+    with refused("duration", "10000 s", "1000000000.0"):
         mo.track(robot, mo.quintic(VIA, [0.0, 1e9]), mo.ComputedTorque(kp=100.0))
-    with pytest.raises(mo.InputError, match=r"the number of samples would be 1e\+12"):
+    with refused("number of samples", "1e+12"):
         mo.simulation.motion_from_formula(robot, lambda t: [t, t, t], 1.0, label="a", step=1e-12)
 
 
 def test_what_is_too_fast_or_too_near_is_refused(robot):
-    with pytest.raises(
-        mo.InputError, match=r"qd0 of waist is 10000 rad/s, 1\.59e\+04 turns in 10 s"
-    ):
+    with refused("qd0 of waist", "10000 rad/s", "1.59e+04 turns", "10 s"):
         mo.simulate(robot, q0=[0, 0.5, 0.3], qd0=[1e4, 0, 0], t=[0, 10.0])
-    with pytest.raises(mo.InputError, match=r"via points 1 and 2 are 1\.7e-11 rad"):
+    with refused("via points 1 and 2", "1.7e-11 rad"):
         mo.time_optimal(robot, np.radians([[0, 0, 0], [1e-9, 0, 0]]))
 
 
 def test_what_is_far_away_is_refused(robot):
     for position in ([1e155, 0, 0], [1e7, 0, 0]):
-        with pytest.raises(mo.InputError, match="within 1e\\+06 m"):
+        with refused("position", "1e+06 m", f"{position[0]:.4g} m"):
             mo.solve_ik(robot, position)
-    with pytest.raises(mo.InputError, match="at most 10000 s"):
+    with refused("via_t", "10000 s"):
         mo.compare(robot, VIA, ["cubic_report"], via_t=[0, 1e6])
 
 
