@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
-from helpers import random_robot
+from helpers import random_robot, refused, tells
 from microbot_ocp.simulation import SensorNoise
 
 
@@ -221,7 +221,7 @@ def test_a_failure_is_data(robot):
                        sample_rate=sample_rate, integrator="cvodes")  # fmt: skip
         assert not run.solved
         assert run.status is mo.Status.INTEGRATION_FAILED
-        assert "more steps than allowed" in run.advice
+        tells(run.advice, "max_steps")
         assert run.q.shape == run.tau.shape == run.error.shape == (1001, 3)
         assert np.isnan(run.q).all()
 
@@ -248,38 +248,50 @@ def track(*arguments, **keywords):
 
 LAW = mo.ComputedTorque(100.0)
 BAD_INPUTS = [
-    (lambda: mo.ComputedTorque(0.0), r"kp must be above 0 1/s\^2, not 0.0"),
-    (lambda: mo.ComputedTorque([1.0, -2.0]), r"kp of joint 2 must be above 0 1/s\^2, not -2.0"),
-    (lambda: mo.ComputedTorque(1.0, kv=-1.0), "kv must be above 0 1/s, not -1.0"),
-    (lambda: mo.ComputedTorque(np.nan), "kp must be finite"),
-    (lambda: mo.ComputedTorque("high"), "kp must be"),  # type: ignore[arg-type]
-    (lambda: mo.PDGravity(0.0, 1.0), "kp must be above 0 N m/rad"),
-    (lambda: mo.PDGravity(1.0, 0.0), "kv must be above 0 N m s/rad"),
-    (lambda: mo.simulation.SensorNoise(q=-1.0), "noise q must be at least 0 rad"),
-    (lambda: mo.simulation.SensorNoise(seed=-1), "seed must be a whole number"),
-    (lambda: track(report_motion, mo.ComputedTorque([1.0, 2.0])), "kp has 2 entries for 3 joints"),
-    (lambda: track(report_motion, LAW, q0=[0, 0]), r"q0 must have shape \[3\]"),
-    (lambda: track(report_motion, LAW, q0=[7, 0, 0]), "q0 of waist is 7 rad, outside its limits"),
-    (lambda: track(report_motion, LAW, q0=[0, np.pi / 2, 0]), "mass matrix is singular at q0"),
-    (lambda: track(report_motion, LAW, duration=None), "duration must be given"),
-    (lambda: track(report_motion, LAW, duration=0.0), "duration must be above 0 s"),
-    (lambda: track(hold([0.0] * 3), LAW, duration=13.0), "duration must be at most 12 s"),
-    (lambda: track(hold([0.0] * 2), LAW), "motion has 2 joints, but the robot has 3"),
-    (lambda: track(lambda t: [t, t], LAW), "motion must return 3 expressions"),
-    (lambda: track([1.0, 2.0], LAW), "motion must be a Motion or a Piecewise"),  # type: ignore[arg-type]
-    (lambda: track(report_motion, LAW, sample_rate=0.0), "sample_rate must be above 0 Hz"),
-    (lambda: track(report_motion, LAW, sample_rate=100.0, integrator="dop853"), "one of cvodes"),
-    (lambda: track(report_motion, LAW, noise=SensorNoise(1e-3)), "noise needs a sample_rate"),
-    (lambda: track(report_motion, LAW, step=0.0), "step must be above 0 s"),
-    (lambda: track(report_motion, LAW, saturation=-5.0), "tau_max of joint 1 must be at least 0"),
-    (lambda: track(report_motion, LAW, disturbance=[1.0]), r"disturbance must have shape \[3\]"),
-    (lambda: track(report_motion, LAW, plant=random_robot("rr")), "plant has 2 joints"),
-]  # fmt: skip
+    (lambda: mo.ComputedTorque(0.0), ("kp", "0 1/s^2", "0.0")),
+    (lambda: mo.ComputedTorque([1.0, -2.0]), ("kp", "joint 2", "0 1/s^2", "-2.0")),
+    (lambda: mo.ComputedTorque(1.0, kv=-1.0), ("kv", "0 1/s", "-1.0")),
+    (lambda: mo.ComputedTorque(np.nan), ("kp", "finite", "nan 1/s^2")),
+    (lambda: mo.ComputedTorque("high"), ("kp", "'high'")),  # type: ignore[arg-type]
+    (lambda: mo.PDGravity(0.0, 1.0), ("kp", "0 N m/rad", "0.0")),
+    (lambda: mo.PDGravity(1.0, 0.0), ("kv", "0 N m s/rad", "0.0")),
+    (lambda: mo.simulation.SensorNoise(q=-1.0), ("noise q", "0 rad", "-1.0")),
+    (lambda: mo.simulation.SensorNoise(seed=-1), ("seed", "whole number", "0", "-1")),
+    (lambda: track(report_motion, mo.ComputedTorque([1.0, 2.0])), ("kp", "2 entries", "3 joints")),
+    (lambda: track(report_motion, LAW, q0=[0, 0]), ("q0", "shape [3]", "[2]")),
+    (
+        lambda: track(report_motion, LAW, q0=[7, 0, 0]),
+        ("q0", "waist", "7 rad", "6.28319", "degrees"),
+    ),
+    (
+        lambda: track(report_motion, LAW, q0=[0, np.pi / 2, 0]),
+        ("singular", "q0 =", "condition number", "armature"),
+    ),
+    (lambda: track(report_motion, LAW, duration=None), ("duration", "function")),
+    (lambda: track(report_motion, LAW, duration=0.0), ("duration", "0 s", "0.0")),
+    (lambda: track(hold([0.0] * 3), LAW, duration=13.0), ("duration", "12 s", "13.0")),
+    (lambda: track(hold([0.0] * 2), LAW), ("motion", "2 joints", "robot", "3")),
+    (lambda: track(lambda t: [t, t], LAW), ("motion", "3 expressions", "(2, 1)")),
+    (lambda: track([1.0, 2.0], LAW), ("motion", "Motion", "PiecewisePolynomial", "[1.0, 2.0]")),  # type: ignore[arg-type]
+    (lambda: track(report_motion, LAW, sample_rate=0.0), ("sample_rate", "0 Hz", "0.0")),
+    (
+        lambda: track(report_motion, LAW, sample_rate=100.0, integrator="dop853"),
+        ("integrator", "cvodes", "collocation", "'dop853'"),
+    ),
+    (lambda: track(report_motion, LAW, noise=SensorNoise(1e-3)), ("noise", "sample_rate")),
+    (lambda: track(report_motion, LAW, step=0.0), ("step", "0 s", "0.0")),
+    (lambda: track(report_motion, LAW, saturation=-5.0), ("tau_max", "joint 1", "0 N m", "-5")),
+    (lambda: track(report_motion, LAW, disturbance=[1.0]), ("disturbance", "shape [3]", "[1]")),
+    (
+        lambda: track(report_motion, LAW, plant=random_robot("rr")),
+        ("plant", "2 joints", "robot", "3"),
+    ),
+]
 
 
 @pytest.mark.parametrize(("call", "message"), BAD_INPUTS)
 def test_bad_inputs(call, message):
-    with pytest.raises(mo.InputError, match=message):
+    with refused(*message):
         call()
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
-from helpers import random_robot
+from helpers import random_robot, refused, tells
 from microbot_ocp.simulation import INTEGRATORS
 
 # Course report, part 4a, recomputed: torques of the exponential motion, N m, by gravity and time.
@@ -201,9 +201,9 @@ def test_singular_mass_matrix_is_told_with_advice(robot):
     assert not run.solved
     assert run.condition_peak > 1e12
     assert run.condition_time == pytest.approx(1.0, abs=1e-3)
-    assert "condition number" in run.advice
-    assert "armature" in run.advice
-    with pytest.raises(mo.InputError, match=r"singular at q0.*condition number.*armature"):
+    tells(run.advice, "condition number", "armature")
+
+    with refused("singular", "q0 =", "condition number", "armature"):
         mo.simulate(robot, None, [0.0, np.pi / 2, 0.0], t=[0.0, 1.0])
 
 
@@ -219,38 +219,46 @@ def test_armature_heals_it(robot):
 def test_too_few_steps_are_told(robot):
     run = mo.simulate(robot, None, [0.0, 0.5, 0.5], t=[0.0, 3.0], max_steps=5)
     assert run.status is mo.Status.INTEGRATION_FAILED
-    assert "more steps than allowed" in run.advice
-    assert run.advice
+    tells(run.advice, "max_steps")
     assert np.isnan(run.q).all()
 
 
 SLIDER = slider(armature=0.0).with_limits(mo.Limits(q_min=-1.0, q_max=1.0))
 BAD_INPUTS = [
-    (lambda: mo.simulate(SLIDER, None, [0.0]), "t and q0 must be given"),
-    (lambda: mo.simulate(SLIDER, None, [0.0], t=[0.0, 1.0, 1.0]), r"t\[2\] is 1 s after t\[1\]"),
-    (lambda: mo.simulate(SLIDER, None, [0.0], t=[0.0]), "at least two strictly increasing times"),
-    (lambda: mo.simulate(SLIDER, None, [0.0, 0.0], t=[0, 1]), r"q0 must have shape \[1\]"),
-    (lambda: mo.simulate(SLIDER, None, [0.0], [0, 0], [0, 1]), r"qd0 must have shape \[1\]"),
-    (lambda: mo.simulate(SLIDER, None, [1.5], t=[0, 1]), r"q0 of joint 1 is 1.5 m, outside"),
-    (lambda: mo.simulate(SLIDER, [1.0, 2.0], [0.0], t=[0, 1]), r"tau must have shape \[1\]"),
-    (lambda: mo.simulate(SLIDER, [[1.0]], [0.0], t=[0, 1]), r"tau must have shape \[2, 1\]"),
-    (lambda: mo.simulate(SLIDER, lambda t: [t, t], [0.0], t=[0, 1]), r"1 expressions, not shape"),
-    (lambda: mo.simulate(SLIDER, lambda t: "t", [0.0], t=[0, 1]), r"tau must return 1 CasADi"),
-    (lambda: mo.simulate(SLIDER, None, [0.0], t=[0, 1], integrator="euler"), "one of dop853"),  # type: ignore[arg-type]
-    (lambda: mo.simulate(SLIDER, None, [0.0], t=[0, 1], tolerance=0.0), "tolerance must be above"),
-    (lambda: mo.simulate(SLIDER, None, [0.0], t=[0, 1], max_steps=0), "max_steps must be a whole"),
-]  # fmt: skip
+    (lambda: mo.simulate(SLIDER, None, [0.0]), ("t and q0", "tau", "Motion")),
+    (lambda: mo.simulate(SLIDER, None, [0.0], t=[0.0, 1.0, 1.0]), ("t[2] is 1 s", "t[1] of 1 s")),
+    (lambda: mo.simulate(SLIDER, None, [0.0], t=[0.0]), ("t must", "two", "s,", "[0.0]")),
+    (lambda: mo.simulate(SLIDER, None, [0.0, 0.0], t=[0, 1]), ("q0", "shape [1]", "[2]")),
+    (lambda: mo.simulate(SLIDER, None, [0.0], [0, 0], [0, 1]), ("qd0", "shape [1]", "[2]")),
+    (lambda: mo.simulate(SLIDER, None, [1.5], t=[0, 1]), ("q0", "joint 1", "1.5 m", "[-1, 1] m")),
+    (lambda: mo.simulate(SLIDER, [1.0, 2.0], [0.0], t=[0, 1]), ("tau", "shape [1]", "[2]")),
+    (lambda: mo.simulate(SLIDER, [[1.0]], [0.0], t=[0, 1]), ("tau", "shape [2, 1]", "[1, 1]")),
+    (
+        lambda: mo.simulate(SLIDER, lambda t: [t, t], [0.0], t=[0, 1]),
+        ("tau", "1 expressions", "(2, 1)"),
+    ),
+    (
+        lambda: mo.simulate(SLIDER, lambda t: "t", [0.0], t=[0, 1]),
+        ("tau", "1 CasADi expressions", "(str)"),
+    ),
+    (
+        lambda: mo.simulate(SLIDER, None, [0.0], t=[0, 1], integrator="euler"),
+        ("integrator", "dop853", "collocation", "'euler'"),
+    ),  # type: ignore[arg-type]
+    (lambda: mo.simulate(SLIDER, None, [0.0], t=[0, 1], tolerance=0.0), ("tolerance", "0", "0.0")),
+    (lambda: mo.simulate(SLIDER, None, [0.0], t=[0, 1], max_steps=0), ("max_steps", "1, not 0")),
+]
 
 
 @pytest.mark.parametrize(("call", "message"), BAD_INPUTS)
 def test_bad_inputs(call, message):
-    with pytest.raises(mo.InputError, match=message):
+    with refused(*message):
         call()
 
 
 def test_a_motion_that_does_not_fit(robot):
     fall = mo.simulate(slider(), None, [0.0], t=[0.0, 1.0]).as_motion("fall")
-    with pytest.raises(mo.InputError, match="motion has 1 joints, but the robot has 3"):
+    with refused("motion", "1 joints", "robot", "3"):
         mo.simulate(robot, fall)
-    with pytest.raises(mo.InputError, match="t must be within the motion, 0 to 1 s"):
+    with refused("t must", "motion", "0 to 1 s"):
         mo.simulate(slider(), fall, t=[0.0, 2.0])

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
+from helpers import refused
 from microbot_ocp.sweeps import CaseSource, Study, read_study, repeat_case, task_of
 
 ENDS = {"start_q": [0.0, 0.0, 0.0], "goal_q_deg": [90.0, 45.0, 45.0]}
@@ -77,7 +78,7 @@ def test_a_table_is_read(microbot: mo.Robot, tmp_path: Path, ending: str) -> Non
 def test_beside_a_table_all_is_constant(microbot: mo.Robot, several: object) -> None:
     columns = {f"goal_q_{k}": [0.0, 1.0] for k in (1, 2, 3)}
     cases = mo.sweeps.Cases.table(columns, start_q=[0, 0, 0], payload=several)
-    with pytest.raises(mo.InputError, match="payload must be a constant beside a table, not"):
+    with refused("payload", "table", type(several).__name__):
         cases.of(microbot)
 
 
@@ -101,20 +102,22 @@ def test_values_become_robots_and_poses(microbot: mo.Robot) -> None:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"payloat": 1}, "did you mean 'payload'"),
-        ({"gravity": [0, 0]}, "gravity must be 3 numbers"),
-        ({"gravity_deg": [0, 0, 1]}, "gravity_deg is no quantity"),
-        ({"payload": mo.Between(0, 1, 3)}, "steps, which are for grids"),
-        ({"payload": mo.Between(2, 1)}, "from the lower to the upper"),
-        ({"payload": mo.OneOf([])}, "at least one of values"),
-        ({"goal_q": [0, 0, 0]}, "give goal_q or goal_q, not both"),
-        ({"via2_q": [0, 0, 0]}, "via1_q or via1_position is missing"),
-        ({"start_position": [0, 0, 0]}, "start is given twice"),
-        ({"payload": "heavy"}, "payload must be an array of numbers"),
+        ({"payloat": 1}, ("payloat", "'payload'", "start_, goal_", "masses")),
+        ({"gravity": [0, 0]}, ("gravity", "3 numbers", "[0, 0]")),
+        ({"gravity_deg": [0, 0, 1]}, ("gravity_deg", "'gravity'", "masses")),
+        ({"payload": mo.Between(0, 1, 3)}, ("payload", "steps", "grids")),
+        ({"payload": mo.Between(2, 1)}, ("payload", "lower", "upper", "Between(lower=2, upper=1")),
+        ({"payload": mo.OneOf([])}, ("payload", "values", "OneOf(values=[])")),
+        ({"goal_q": [0, 0, 0]}, ("goal_q or goal_q",)),
+        ({"via2_q": [0, 0, 0]}, ("via1_q or via1_position", "missing")),
+        ({"start_position": [0, 0, 0]}, ("start", "twice", "start_q", "start_position")),
+        ({"payload": "heavy"}, ("payload", "array of numbers", "'heavy'")),
     ],
 )
-def test_bad_quantities_are_refused(microbot: mo.Robot, change: dict, said: str) -> None:
-    with pytest.raises(mo.InputError, match=said.replace("(", r"\(")):
+def test_bad_quantities_are_refused(
+    microbot: mo.Robot, change: dict, said: tuple[str, ...]
+) -> None:
+    with refused(*said):
         mo.sweeps.Cases.random(4, **ENDS | change).of(microbot)
 
 
@@ -165,26 +168,30 @@ def test_a_study_file_is_read() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("schema = 1", "schema = 2", "schema must be 1, not 2"),
-        ("methods =", "method =", "unknown key 'method' at the top level; did you mean 'methods'"),
-        ('"lspb"', '"spline"', "methods must be one of cubic_textbook, cubic, lspb"),
-        ('kind = "random"', 'kind = "sobol"', "cases.kind must be one of random, grid, table"),
-        ("count = 8", "", "cases.count is missing"),
-        ("count = 8", "count = 0", "cases.count must be at least 1, not 0"),
+        ("schema = 1", "schema = 2", ("schema", "1", "not 2")),
+        ("methods =", "method =", ("'method'", "'methods'", "schema", "time_limit")),
+        ('"lspb"', '"spline"', ("methods", "cubic_textbook, cubic,", "lspb,", "'spline'")),
+        ('kind = "random"', 'kind = "sobol"', ("cases.kind", "random, grid, table", "'sobol'")),
+        ("count = 8", "", ("cases.count", "missing")),
+        ("count = 8", "count = 0", ("cases.count", "1", "not 0")),
         (
             'kind = "random"',
             'kind = "grid"',
-            "key 'count' in table .cases. is not for the kind 'grid'",
+            ("'count'", "[cases]", "'grid'"),
         ),
-        ("from = [-90", "form = [-90", "unknown key 'form' of quantities.goal_q_deg"),
-        ("start_q =", "seed = 3\nstart_q =", "seed is no quantity that may vary"),
-        ("mesh = 20", "mesh = 2", "settings.mesh must be at least 4"),
-        ("mesh = 20", "mash = 2", "unknown key 'mash' in table .settings."),
-        ("time_limit = 5.0", "time_limit = 0", "time_limit must be above 0"),
-        ('robot = "microbot"', "robot = 3", "robot must be one of"),
-        ("[cases]", "[cases", "is not valid TOML"),
+        (
+            "from = [-90",
+            "form = [-90",
+            ("'form'", "quantities.goal_q_deg", "'from'", "from, to, steps"),
+        ),
+        ("start_q =", "seed = 3\nstart_q =", ("seed", "quantity", "start_, goal_")),
+        ("mesh = 20", "mesh = 2", ("settings.mesh", "4 intervals", "not 2")),
+        ("mesh = 20", "mash = 2", ("'mash'", "[settings]", "'mesh'")),
+        ("time_limit = 5.0", "time_limit = 0", ("time_limit", "0 s", "not 0")),
+        ('robot = "microbot"', "robot = 3", ("robot", "microbot, panda", ".toml", "not 3")),
+        ("[cases]", "[cases", ("valid TOML", "line 6, column 7")),
     ],
 )
-def test_bad_study_files_are_refused(old: str, new: str, said: str) -> None:
-    with pytest.raises(mo.InputError, match=f"^study.toml.*{said}"):
+def test_bad_study_files_are_refused(old: str, new: str, said: tuple[str, ...]) -> None:
+    with refused("study.toml: ", *said):
         study_of(STUDY.replace(old, new, 1))
