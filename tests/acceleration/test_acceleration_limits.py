@@ -15,7 +15,7 @@ import yaml
 from scipy.optimize import minimize
 
 import microbot_ocp as mo
-from helpers import sampled_rows
+from helpers import refused, sampled_rows, tells
 from microbot_ocp.acceleration._forms import torque_terms
 from microbot_ocp.cli import main
 
@@ -296,48 +296,53 @@ def test_no_box_where_gravity_or_speed_alone_need_more_than_the_torque() -> None
     robot = mo.load_robot("ur5e")
     heavy = mo.acceleration_limits(robot, 40.0, speed=0.0)
     fast = mo.acceleration_limits(robot, 5.0, speed=1.0)
-    for found, words in ((heavy, "to hold the arm with 40 kg"), (fast, "of these speeds")):
+    for found, words in ((heavy, "40 kg"), (fast, "speeds")):
         assert found.status == mo.Status.INFEASIBLE
         assert not found.qdd_max.any()
-        assert words in found.advice
-        assert found.state.joint in found.advice
+        tells(found.advice, words, found.state.joint)
         assert found.state.torque > found.state.limit
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "said"),
     [
-        ({"payload": -1.0}, "payload must be at least 0 kg"),
-        ({"payload": (2.0, 1.0)}, "least, largest"),
-        ({"speed": 1.5}, "at most 1"),
-        ({"speed": [1.0, 2.0]}, "shape"),
-        ({"speed": [1.0, -2.0, 1.0]}, "joint 2"),
-        ({"ratios": [1.0, 0.0, 1.0]}, "ratios must be above 0"),
-        ({"ratios": [1.0, 1.0, 1.0], "equal": True}, "not both"),
-        ({"region": ([0.0, 0.0, 0.0], [9.0, 1.0, 1.0])}, "region of shoulder"),
-        ({"region": [[0.0, 0.0, 9.0]]}, "pose 1 of region"),
-        ({"region": mo.Box([0.1, 0.1, 0.1], [9.0, 0.0, 0.0])}, "positions of the tool"),
-        ({"gap": 0.0}, "gap must be above 0"),
-        ({"coupled": 0.0}, "coupled must be above 0"),
-        ({"coupled": 1.5}, "coupled must be at most 1"),
-        ({"coupled": 1.0, "jerk": True}, "not both"),
+        ({"payload": -1.0}, ("payload", "0 kg", "-1.0")),
+        ({"payload": (2.0, 1.0)}, ("payload", "(least, largest)", "(2, 1) kg")),
+        ({"speed": 1.5}, ("speed", "share", "at most 1", "1.5")),
+        ({"speed": [1.0, 2.0]}, ("speed", "[3]", "[2]")),
+        ({"speed": [1.0, -2.0, 1.0]}, ("speed", "0 rad/s", "joint 2", "-2")),
+        ({"ratios": [1.0, 0.0, 1.0]}, ("ratios", "above 0", "joint 2")),
+        ({"ratios": [1.0, 1.0, 1.0], "equal": True}, ("equal=True", "ratios", "both")),
+        (
+            {"region": ([0.0, 0.0, 0.0], [9.0, 1.0, 1.0])},
+            ("region of shoulder", "[-2.96706, 2.96706] rad", "[0, 9]"),
+        ),
+        ({"region": [[0.0, 0.0, 9.0]]}, ("pose 1 of region", "wrist", "[-2.96706, 2.96706] rad")),
+        (
+            {"region": mo.Box([0.1, 0.1, 0.1], [9.0, 0.0, 0.0])},
+            ("region", "tool", "[9.0, 0.0, 0.0] m"),
+        ),
+        ({"gap": 0.0}, ("gap", "above 0", "not 0.0")),
+        ({"coupled": 0.0}, ("coupled", "above 0", "not 0.0")),
+        ({"coupled": 1.5}, ("coupled", "at most 1", "1.5")),
+        ({"coupled": 1.0, "jerk": True}, ("jerk=True", "coupled", "both")),
     ],
 )
-def test_bad_input(arguments: dict[str, Any], words: str) -> None:
-    with pytest.raises(mo.InputError, match=words):
+def test_bad_input(arguments: dict[str, Any], said: tuple[str, ...]) -> None:
+    with refused(*said):
         mo.acceleration_limits(mo.load_robot("planar_3r"), **arguments)
 
 
 def test_robots_that_lack_limits() -> None:
     robot = mo.load_robot("planar_3r")
-    with pytest.raises(mo.InputError, match="limits of torque on both sides"):
+    with refused("shoulder", "torque", "[-inf, inf] N m"):
         mo.acceleration_limits(robot.with_limits(tau_max=np.inf))
-    with pytest.raises(mo.InputError, match="no limit of velocity"):
+    with refused("shoulder", "velocity", "speed", "rad/s"):
         mo.acceleration_limits(robot.with_limits(qd_max=np.inf))
 
 
 def test_jerks_need_limits_of_torque_rates() -> None:
-    with pytest.raises(mo.InputError, match="limits of torque rate on both sides"):
+    with refused("shoulder", "torque rate", "[-inf, inf] N m/s"):
         mo.acceleration_limits(mo.load_robot("planar_3r"), jerk=True)
 
 
@@ -365,10 +370,11 @@ def test_files_hold_the_limits_as_other_planners_read_them(tmp_path: Path) -> No
         np.testing.assert_array_equal(getattr(again.limits, key), getattr(found, key))
     np.testing.assert_array_equal(again.limits.qd_max, found.speed)
     np.testing.assert_array_equal(found.limited.limits.qddd_max, found.qddd_max)
-    for name, form, words in (("a.yaml", "urdf", "must end"), ("a.yaml", "toppra", "form")):
-        with pytest.raises(mo.InputError, match=words):
-            found.export(tmp_path / name, form)
-    with pytest.raises(mo.InputError, match="at rest"):
+    with refused("urdf", "end in .urdf", "a.yaml"):
+        found.export(tmp_path / "a.yaml", "urdf")
+    with refused("form", "moveit, curobo, urdf", "'toppra'"):
+        found.export(tmp_path / "a.yaml", "toppra")
+    with refused("at rest", "speed", "above 0"):
         mo.acceleration_limits(robot, speed=0.0).export(tmp_path / "none.yaml")
     assert not (tmp_path / "none.yaml").exists()
 
@@ -398,7 +404,7 @@ def test_map_of_payload_and_speed() -> None:
     axes = found.plot(guess=5.0)[0]
     np.testing.assert_array_equal(axes.lines[1].get_ydata(), found.qdd_max[1])
     assert axes.lines[3].get_ydata()[0] == 5.0
-    with pytest.raises(mo.InputError, match="rising"):
+    with refused("payloads", "rising", "[1.0, 0.0]"):
         mo.acceleration.acceleration_map(robot, [1.0, 0.0])
 
 

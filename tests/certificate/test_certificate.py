@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
+from helpers import refused, tells
 from microbot_ocp.certificate import certify
 from microbot_ocp.certificate._task_certificate import _part
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, State, jump_gaps, torque_along
@@ -114,9 +115,7 @@ def test_a_violation_is_found_with_joint_time_and_amount(robot):
     assert check.value == pytest.approx(276.11061267, rel=2e-6)
     assert check.violation == pytest.approx(26.11061267 / 250.0, rel=1e-4)
     assert check.utilisation[1] == pytest.approx(276.11061267 / 250.0, rel=2e-6)
-    assert "torque of shoulder is 276.11 N m at 0 s, 10.4 % beyond its limit of 250 N m" in (
-        certificate.verdict
-    )
+    tells(certificate.verdict, "torque of shoulder", "276.11 N m", "0 s", "10.4 %", "250 N m")
     (refused,) = (check for check in certificate.checks if not check.passed)
     assert (refused.what, refused.where, refused.value) == ("torque", "shoulder", check.value)
     assert certificate.verdict == f"Failed: {refused.problem}."
@@ -160,7 +159,7 @@ def test_unlimited_joints_are_not_a_number(robot):
 def test_a_further_limit_without_a_finite_bound_is_not_the_tightest(robot):
     limits = mo.Limits(qd_max=3.0, also=[mo.limits.tool_speed(upper=np.inf)])
     certificate = certify(robot, report_cubic(robot), limits)
-    assert "the tightest being velocity" in certificate.verdict
+    tells(certificate.verdict, "velocity of waist", "37.29 %", "3.036 s")
 
 
 def test_a_jump_of_the_torque_breaks_any_rate_limit(robot):
@@ -182,7 +181,7 @@ def test_stored_torques_that_are_not_the_motions(robot):
     assert certificate.stored_torque_time == pytest.approx(motion.t[1200])
     peak = np.abs(motion.tau[:, 2]).max()
     assert certificate.stored_torque_error == pytest.approx(3.0 / peak, rel=1e-4)
-    assert "stored torque of elbow" in certificate.verdict
+    tells(certificate.verdict, "stored torque", "elbow", "1.2 s", "0.0226", "1e-05")
 
 
 def test_velocities_that_are_not_the_slope_of_the_positions(robot):
@@ -195,7 +194,7 @@ def test_velocities_that_are_not_the_slope_of_the_positions(robot):
     certificate = certify(robot, motion, mo.Limits())
     assert not certificate.ok
     assert certificate.stored_torque_error == 0.0
-    assert "contradict each other" in certificate.verdict
+    assert "torque between samples" in {c.what for c in certificate.checks if not c.passed}
 
 
 def test_a_wrong_acceleration_is_found_where_breaks_are_dense(robot):
@@ -255,8 +254,8 @@ def test_what_is_wrong_in_a_later_part_is_told_in_the_time_of_the_whole():
     stops = [mo.Stop(q) for q in ([0.0], [0.1], [1.1])]
     found = certify(robot, motion, mo.Limits(qd_max=1.5), via_q=stops)
     velocity, torque = found.verdict.removeprefix("Failed: between 1 s and 2 s: ").split("; ")[:2]
-    assert "velocity of joint 1 is 1.875 m/s at 1.5 s" in velocity
-    assert f"stored torque of joint 1 at {made.t[at]:.4g} s" in torque
+    tells(velocity, "velocity of joint 1", "1.875 m/s", "1.5 s")
+    tells(torque, "stored torque", "joint 1", f"{made.t[at]:.4g} s")
     assert by_quantity(found)["qd"].time == pytest.approx(1.5, abs=1e-3)
     assert found.stored_torque_time == made.t[at]
     refused = [(check.what, check.time) for check in found.checks if not check.passed]
@@ -310,7 +309,7 @@ def test_via_points(robot):
     missed = certify(robot, motion, via_q=off)
     assert not missed.ok
     assert missed.via_checks[2].value == pytest.approx(0.05, rel=1e-3)
-    assert "goal is missed by 0.05 rad" in missed.verdict
+    tells(missed.verdict, "goal", "0.05 rad", "4 s")
 
 
 def test_a_singular_pose_is_reported(robot):
@@ -320,11 +319,10 @@ def test_a_singular_pose_is_reported(robot):
     assert certificate.condition_peak > 1e6
     assert certificate.condition_time == pytest.approx(1.0, abs=1e-3)
     np.testing.assert_allclose(np.degrees(certificate.condition_pose), [30, 90, 0], atol=0.1)
-    assert "near singular at 1 s" in certificate.verdict
+    tells(certificate.verdict, "singular at 1 s", "1.25 %", "waist", "inverse dynamics")
     assert certificate.ok
     assert 0 < certificate.undetermined_fraction < 0.1
     np.testing.assert_allclose(certificate.undetermined_direction, [1, 0, 0], atol=1e-3)
-    assert "no torque determines the motion of waist: judged by inverse" in certificate.verdict
     # With rotor inertia the same motion is determined by its torques.
     links = [
         mo.Link(link.mass, link.center_of_mass, link.inertia, armature=1.0) for link in robot.links
@@ -332,7 +330,7 @@ def test_a_singular_pose_is_reported(robot):
     geared = robot.with_links(links)
     certificate = certify(geared, sampled(geared, shape), mo.Limits())
     assert certificate.ok, certificate.verdict
-    assert "near singular" not in certificate.verdict
+    assert "singular" not in certificate.verdict
     assert certificate.undetermined_direction is None
 
 
@@ -343,14 +341,14 @@ def test_links_without_mass_at_the_tip_are_counted():
     shape = cubic(
         np.array([[0.1, 0.2, 0.3, 0.4, 0.5, 0.6], [1.0, 0.5, 0.8, 0.0, 1.0, 0.0]]), [0, 8]
     )
-    for count, said in ((1, ""), (2, " and of 1 more direction"), (3, " and of 2 more directions")):
+    for count, said in ((1, ""), (2, "1 more direction"), (3, "2 more directions")):
         bare = robot.with_links([*robot.links[:-count], *[none] * count])
         motion = sampled(bare, shape)
         certificate = certify(bare, motion, mo.Limits())
         assert certificate.ok
         assert certificate.undetermined_fraction == pytest.approx(1.0)
-        assert "for 100 % of the time" in certificate.verdict
-        assert f"{said}: judged by inverse dynamics" in certificate.verdict
+        tells(certificate.verdict, "100 %", said, "inverse dynamics")
+        assert ("direction" in certificate.verdict) == bool(said)
         assert "re-simulation" not in certificate.verdict
         assert not certify(bare, replace(motion, tau=1.001 * motion.tau), mo.Limits()).ok
 
@@ -394,17 +392,20 @@ def test_as_dict_is_plain(robot):
 
 
 @pytest.mark.parametrize(
-    ("call", "message"),
+    ("call", "said"),
     [
-        (lambda r, m: certify(slider(), m), "motion has 3 joints, but the robot has 1"),
-        (lambda r, m: certify(r, m, mo.Limits(qd_max=[1.0, 2.0])), "qd_max"),
-        (lambda r, m: certify(r, m, via_q=[[0.0, 0.0]]), r"via_q must have shape \[any, 3\]"),
-        (lambda r, m: certify(r, m, limit_tolerance=-0.1), "limit_tolerance must be at least 0"),
-        (lambda r, m: certify(r, m, torque_tolerance=0.0), "torque_tolerance must be"),
+        (lambda r, m: certify(slider(), m), ("motion", "3 joints", "robot has 1")),
+        (lambda r, m: certify(r, m, mo.Limits(qd_max=[1.0, 2.0])), ("qd_max", "[3]", "[2]")),
+        (lambda r, m: certify(r, m, via_q=[[0.0, 0.0]]), ("via_q", "[any, 3]", "[1, 2]")),
+        (
+            lambda r, m: certify(r, m, limit_tolerance=-0.1),
+            ("limit_tolerance", "at least 0", "-0.1"),
+        ),
+        (lambda r, m: certify(r, m, torque_tolerance=0.0), ("torque_tolerance", "above 0", "0.0")),
     ],
 )
-def test_bad_inputs(robot, call, message):
-    with pytest.raises(mo.InputError, match=message):
+def test_bad_inputs(robot, call, said):
+    with refused(*said):
         call(robot, report_cubic(robot))
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
-from helpers import sampled
+from helpers import sampled, tells
 
 VIA = np.radians([[0.0, 0.0, 0.0], [-8.0, 45.0, 30.0], [-90.0, 90.0, 90.0]])
 SPEEDS = ca.interpolant("derating", "linear", [[-0.2, 0.0, 0.2, 0.6]], [3.0, 3.0, 2.5, 2.0])
@@ -19,11 +19,11 @@ LIMITS = {
 def test_a_motion_that_leaves_a_table_is_not_certified(kind):
     robot = mo.load_robot("microbot").with_limits(also=[LIMITS[kind]])
     motion = mo.time_optimal_path(robot, mo.straight_path(VIA))
-    assert motion.status == "outside of a table"
-    assert "derating is read at -1.57" in motion.advice
+    assert motion.status is mo.Status.OUTSIDE_TABLE
+    tells(motion.advice, "derating", "-1.5708", "-0.2")
     certificate = mo.certify(robot, motion)
     assert not certificate.ok
-    assert "derating is read at -1.57" in certificate.verdict
+    tells(certificate.verdict, "derating", "-1.5708", "-0.2")
 
 
 @pytest.mark.thorough

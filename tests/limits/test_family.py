@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import microbot_ocp as mo
-from helpers import sampled, two_link_arm
+from helpers import refused, sampled, two_link_arm
 from microbot_ocp.limits import (
     LimitFamily,
     MotionSamples,
@@ -35,9 +35,9 @@ def test_limits_with_replaced_numbers_are_arrays_and_checked() -> None:
     assert limits.qd_max.tolist() == [1.0] * 3
     assert limits.tau_max.tolist() == [300.0, 400.0, 100.0]
     assert MICROBOT.with_limits(MICROBOT.limits).limits is MICROBOT.limits
-    with pytest.raises(mo.InputError, match="qd_max of joint 1 must leave room for zero"):
+    with refused("qd_max of joint 1", "zero", "[-2, -1] rad/s"):
         MICROBOT.with_limits(replace(MICROBOT.limits, qd_max=-1.0))
-    with pytest.raises(mo.InputError, match="tau_max must have shape"):
+    with refused("tau_max", "[3]", "[4]"):
         MICROBOT.with_limits(replace(MICROBOT.limits, tau_max=np.ones(4)))
 
 
@@ -47,36 +47,36 @@ def test_limits_with_replaced_numbers_are_arrays_and_checked() -> None:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("", abs, None, 1.0), "name of a limit must be text"),
-        (("speed", 3.0, None, 1.0), "expression of limit 'speed' must be a function"),
-        (("speed", abs), "limit 'speed' must have a lower or an upper bound"),
-        (("speed", abs, 2.0, 1.0), "lower bound of limit 'speed' must be at most its upper bound"),
-        (("speed", abs, None, "fast"), "upper bound of limit 'speed' must be an array of numbers"),
-        (("speed", abs, None, np.nan), "upper bound of limit 'speed' must be finite"),
+        (("", abs, None, 1.0), ("name", "text", "''")),
+        (("speed", 3.0, None, 1.0), ("expression of limit 'speed'", "function", "float")),
+        (("speed", abs), ("limit 'speed'", "lower", "upper bound")),
+        (("speed", abs, 2.0, 1.0), ("lower bound", "limit 'speed'", "[2.0]", "[1.0]")),
+        (("speed", abs, None, "fast"), ("upper bound", "limit 'speed'", "numbers", "'fast'")),
+        (("speed", abs, None, np.nan), ("upper bound", "limit 'speed'", "[0]", "nan")),
     ],
 )
 def test_bad_limits_are_refused(arguments, said):
-    with pytest.raises(mo.InputError, match=said):
+    with refused(*said):
         mo.Limit(*arguments)
 
 
 def test_names_must_differ():
     twice = [mo.limits.tool_speed(1.0), mo.limits.tool_speed(2.0)]
-    with pytest.raises(mo.InputError, match="two limits named 'tool speed'"):
+    with refused("also", "two limits", "'tool speed'"):
         MICROBOT.with_limits(also=twice)
-    with pytest.raises(mo.InputError, match="also must be a list"):
+    with refused("also", "list", "'tool height'"):
         MICROBOT.with_limits(also=HEIGHT)
 
 
 def test_an_expression_that_cannot_be_evaluated_is_named():
     robot = MICROBOT.with_limits(also=[mo.Limit("grip", lambda state: state.gripper, upper=1.0)])
-    with pytest.raises(mo.InputError, match=r"limit 'grip'.*gripper"):
+    with refused("limit 'grip'", "'gripper'", "tool_velocity"):
         mo.time_optimal(robot, VIA_Q)
 
 
 def test_bounds_must_have_the_width_of_the_expression():
     robot = MICROBOT.with_limits(also=[mo.limits.power([1.0, 2.0])])
-    with pytest.raises(mo.InputError, match="must be one number, or 3"):
+    with refused("upper bound", "limit 'power'", "3", "not 2"):
         LimitFamily.of(robot)
 
 
@@ -306,7 +306,7 @@ def test_affine_limits_are_half_planes_for_reachability():
 )
 def test_a_relation_is_no_expression_of_a_limit(expression):
     robot = mo.load_robot("microbot").with_limits(also=[mo.Limit("height", expression, upper=1)])
-    with pytest.raises(mo.InputError, match=r"'height' .* relation"):
+    with refused("limit 'height'", "relation"):
         mo.time_optimal(robot, [[0.0, 0.0, 0.0], [0.3, 0.3, 0.3]])
 
 
@@ -314,9 +314,9 @@ def test_a_pose_that_breaks_a_limit_is_refused_before_any_solver():
     robot = MICROBOT.with_limits(
         also=[mo.Limit("tool height", HEIGHT.expression, lower=3.0, unit="m")]
     )
-    with pytest.raises(mo.InputError, match="via point 1 breaks a limit: tool height is 2 m"):
+    with refused("via point 1", "tool height", "2 m", "3 to inf m"):
         mo.time_optimal(robot, VIA_Q)
-    with pytest.raises(mo.InputError, match="leaves the tool height limits"):
+    with refused("tool height", "2 m", "0 s", "3 m"):
         mo.shortest_duration(robot, mo.cubic(VIA_Q, [0.0, 1.0, 2.0]))
 
 
@@ -329,7 +329,7 @@ def test_a_prepared_solver_takes_other_numbers_and_refuses_other_expressions():
     slower = robot.with_limits(also=[mo.limits.tool_speed(1.0)])
     assert solver(slower.limits).duration > solver().duration
     other = robot.with_limits(also=[mo.Limit("tool speed", lambda s: s.qd[0], upper=1.0)])
-    with pytest.raises(mo.InputError, match="another expression"):
+    with refused("limit 'tool speed'", "another expression"):
         solver(other.limits)
 
 
@@ -345,5 +345,5 @@ def test_files_hold_the_members_of_the_package(tmp_path):
     again = mo.load_robot(tmp_path / "arm.toml")
     assert again == robot
     assert limits_from_table(limits_to_table(robot.limits.also)) == robot.limits.also
-    with pytest.raises(mo.InputError, match="'tool height' is an expression of its own"):
+    with refused("limit 'tool height'", "expression", "file"):
         mo.save_robot(MICROBOT.with_limits(also=[HEIGHT]), tmp_path / "own.toml")

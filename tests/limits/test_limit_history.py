@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
+from helpers import refused
 from microbot_ocp.limits import limit_history
 from microbot_ocp.limits._history import _runs
 from microbot_ocp.motion import PiecewisePolynomial
@@ -67,7 +68,7 @@ def test_short_gaps_are_closed_and_touches_left_out() -> None:
 def test_a_motion_of_another_arm_is_refused() -> None:
     robot = slider(tau_max=4.0)
     motion = mo.Motion.from_polynomial(robot, bang_cruise_bang(), label="mine")
-    with pytest.raises(mo.InputError, match="motion is of 1 joints, but the robot has 3"):
+    with refused("motion", "1 joints", "robot has 3"):
         limit_history(mo.load_robot("microbot"), motion)
 
 
