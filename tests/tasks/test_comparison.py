@@ -9,6 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import microbot_ocp as mo
+from helpers import refused, tells
 from microbot_ocp.tasks import METHODS, Step
 
 pytestmark = pytest.mark.slow
@@ -226,7 +227,7 @@ def test_a_method_that_cannot_do_the_task_says_so_and_the_others_go_on(pendulum)
     straight = by_name["straight_path"]
     assert not straight.solved
     assert straight.status in ("infeasible", "limits exceeded")
-    assert "the end cannot be reached from s = " in straight.note
+    tells(straight.note, "end", "s = ")
     assert len(result.table().rows) == 4
     assert set(result.motions) == set(result.certificates) == {"straight_path", "time_optimal"}
 
@@ -237,7 +238,7 @@ def test_a_corner_that_cannot_be_held_is_an_entry_without_motion(pendulum):
     result = mo.compare(pendulum, via_q, ["straight_path", "time_optimal"], mesh=20, starts=3)
     straight, free = result.entries
     assert straight.status == "not possible"
-    assert "cannot be held at rest: joint 'joint 1' needs 9.81 N m" in straight.note
+    tells(straight.note, "at rest", "'joint 1'", "9.81 N m")
     assert free.name == "time_optimal"
     assert free.motion is not None
 
@@ -250,38 +251,32 @@ def test_a_corner_that_cannot_be_held_is_an_entry_without_motion(pendulum):
     [
         (
             {"methods": ["spline"]},
-            "method must be one of cubic_report, cubic_scaled, cubic_textbook",
+            ("method", "cubic_report", "'spline'"),
         ),
-        ({"methods": []}, "methods must be different names, not []"),
-        ({"methods": ["cubic", "cubic"]}, "methods must be different names"),
-        ({"methods": ["cubic_report"]}, "method 'cubic_report' needs via_t"),
-        ({"methods": ["lspb_scaled"]}, "method 'lspb_scaled' needs via_t"),
-        ({"meshes": 40}, "setting of compare must be one of compiled, grid, limit_tolerance, mesh"),
-        ({"mesh": 2}, "mesh must be at least 4 intervals, not 2"),
-        ({"blend": 0.6}, "blend must be at most 0.5 of a segment, not 0.6"),
-        ({"blend": 0.0}, "blend must be above 0 of a segment, not 0.0"),
-        ({"via_t": [0.0, 1.0]}, "via_t must have shape [3], not [2]"),
+        ({"methods": []}, ("methods", "different names", "[]")),
+        ({"methods": ["cubic", "cubic"]}, ("methods", "different names", "['cubic', 'cubic']")),
+        ({"methods": ["cubic_report"]}, ("'cubic_report'", "via_t")),
+        ({"methods": ["lspb_scaled"]}, ("'lspb_scaled'", "via_t")),
+        ({"meshes": 40}, ("compare", "limit_tolerance", "'meshes'")),
+        ({"mesh": 2}, ("mesh", "4 intervals", "not 2")),
+        ({"blend": 0.6}, ("blend", "0.5", "0.6")),
+        ({"blend": 0.0}, ("blend", "0 of", "0.0")),
+        ({"via_t": [0.0, 1.0]}, ("via_t", "shape [3]", "[2]")),
         (
             {"via_t": [0.0, 1.0, 1.0]},
-            "via_t must be at least two strictly increasing times from 0, s, but via_t",
+            ("via_t", "0, s", "via_t[2] is 1 s", "via_t[1] of 1 s"),
         ),
-        (
-            {"via_t": [0.0, 2.0, 1.0]},
-            "via_t must be at least two strictly increasing times from 0, s",
-        ),
-        (
-            {"via_t": [1.0, 2.0, 3.0]},
-            "via_t must be at least two strictly increasing times from 0, s",
-        ),
-        ({"via_t": [0.0, 1.0, np.nan]}, "via_t must be finite, but entry [2] is nan s"),
-        ({"via_qd": VIA_QD[:2], "via_t": VIA_T}, "via_qd must have shape [3, 3], not [2, 3]"),
-        ({"via_qd": VIA_QD}, "via_qd needs via_t, the times at which"),
-        ({"limits": mo.Limits(q_max=9.0)}, "without any bound on its velocity"),
+        ({"via_t": [0.0, 2.0, 1.0]}, ("via_t", "0, s", "via_t[2] is 1 s", "via_t[1] of 2 s")),
+        ({"via_t": [1.0, 2.0, 3.0]}, ("via_t", "0, s", "[1.0, 2.0, 3.0]")),
+        ({"via_t": [0.0, 1.0, np.nan]}, ("via_t", "finite", "[2] is nan s")),
+        ({"via_qd": VIA_QD[:2], "via_t": VIA_T}, ("via_qd", "shape [3, 3]", "[2, 3]")),
+        ({"via_qd": VIA_QD}, ("via_qd", "via_t", "times")),
+        ({"limits": mo.Limits(q_max=9.0)}, ("limits", "'waist'", "velocity")),
     ],
 )
 def test_bad_input_is_refused_before_any_method_runs(microbot, options, said):
     ran = []
-    with pytest.raises(mo.InputError, match=re.escape(said)) as caught:
+    with refused(*said) as caught:
         mo.compare(microbot, VIA_Q, progress=ran.append, **options)
     assert not ran
     assert "\n" not in str(caught.value)
@@ -310,10 +305,11 @@ def test_the_textbook_has_the_best_split_of_its_times(microbot):
     grid = [[0, x, 4] for x in np.linspace(1.4, 2.6, 25)]
     durations = [mo.shortest_duration(microbot, mo.cubic(VIA_Q, t)).duration for t in grid]
     assert cubic.motion.duration < min(durations) * (1 + 1e-4)
-    assert "segments of 1.37" in cubic.note
-    assert "via velocities by Craig's heuristic" in cubic.note
+    assert "1.37" in cubic.note
+    tells(cubic.note, "segments", "via velocities", "Craig")
     assert "full stop" not in cubic.note  # the waist goes on
-    assert "blends of 0.60" in lspb.note
+    assert "0.60" in lspb.note
+    tells(lspb.note, "blends")
 
 
 @pytest.mark.thorough
@@ -321,13 +317,13 @@ def test_a_full_stop_by_craigs_heuristic_is_said(microbot):
     """Where every joint turns back at a via point."""
     via_q = np.radians([[0, 0, 0], [20, 60, -30], [-60, 30, 80], [-70, 20, 90]])
     result = mo.compare(microbot, via_q, ["cubic_textbook", "cubic"])
-    assert "a full stop at via 2;" in result["cubic_textbook"].note
+    tells(result["cubic_textbook"].note, "full stop", "via 2")
     assert "full stop" not in result["cubic"].note
-    assert "via velocities chosen" in result["cubic"].note
+    tells(result["cubic"].note, "via velocities", "chosen")
     given = mo.compare(
         microbot, VIA_Q, ["cubic_textbook"], via_t=VIA_T, via_qd=np.zeros((3, 3))
     ).entries[0]
-    assert "via velocities as given, scaled like the times; a full stop at via 2" in given.note
+    tells(given.note, "via velocities", "given", "full stop", "via 2")
 
 
 def test_durations_are_compared_with_the_fastest_baseline(comparison, microbot):
@@ -359,7 +355,7 @@ def test_the_blends_of_lspb_are_the_best(limits, duration):
     assert found == pytest.approx(duration, rel=2e-4)
     held = mo.compare(slider, [[0.0], [3.0]], ["lspb"], blend=0.1)["lspb"]
     assert held.motion.duration > 1.05 * found
-    assert "blends 0.1 of each" in held.note
+    tells(held.note, "blends", "0.1")
 
 
 def test_limits_of_the_task_replace_those_of_the_robot(microbot):
@@ -383,7 +379,7 @@ def test_a_table_has_what_a_controller_and_other_arms_cost(microbot):
     assert entry.details["executed_duration"] == pytest.approx(command.rows.t[-1])
     assert entry.details["trackable_duration"] >= entry.motion.duration
     assert {"T executed [s]", "T trackable [s]"} <= set(result.table().heads)
-    with pytest.raises(mo.InputError, match="profile must be one of"):
+    with refused("profile", "'nothing'"):
         mo.compare(microbot, [[0, 0, 0], [0.5, 0.4, 0.3]], ["cubic"], profile="nothing")
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
+from helpers import refused, tells
 from microbot_ocp import NotWritten
 
 VIA = np.radians([[0, 0, 0], [-90, 90, 90]])
@@ -47,11 +48,11 @@ def test_files_of_two_runs_are_refused(runs, tmp_path):
     first, second = runs
     first.save(tmp_path, OUTPUTS)
     second.save(tmp_path, ["csv"])
-    assert "comparison.csv is damaged or from another run" in refusal(tmp_path)
+    tells(refusal(tmp_path), "comparison.csv", "another run", "comparison.json")
     first.save(tmp_path, ["csv"])
     assert mo.load_comparison(tmp_path)
     second.save(tmp_path, ["motions"])
-    assert "cubic.npz is damaged or from another run" in refusal(tmp_path)
+    tells(refusal(tmp_path), "cubic.npz", "another run", "comparison.json")
     second.save(tmp_path, ["json"])
     assert list(mo.load_comparison(tmp_path).motions) == ["cubic"]
 
@@ -67,9 +68,9 @@ def test_damage_is_found(runs, tmp_path):
     path = tmp_path / "motions" / "lspb.npz"
     content = path.read_bytes()
     path.unlink()
-    assert "lspb.npz is missing" in refusal(tmp_path)
+    tells(refusal(tmp_path), "lspb.npz", "missing")
     path.write_bytes(content[:-1] + b"\0\0")
-    assert "lspb.npz" in refusal(tmp_path)
+    tells(refusal(tmp_path), "lspb.npz", "comparison.json")
 
 
 def test_a_changed_file_is_refused(runs, tmp_path):
@@ -77,7 +78,7 @@ def test_a_changed_file_is_refused(runs, tmp_path):
     document = json.loads((tmp_path / "comparison.json").read_text())
     entries = [{**row, "solve_time": 0.0} for row in document["entries"]]
     change = {"entries": entries, "digest": document["digest"]}
-    assert "was changed after it was saved" in refusal(tmp_path, **change)
+    tells(refusal(tmp_path, **change), "comparison.json", "changed")
 
 
 def test_impossible_files_are_refused(runs, tmp_path):
@@ -85,18 +86,30 @@ def test_impossible_files_are_refused(runs, tmp_path):
     document = json.loads((tmp_path / "comparison.json").read_text())
     limits, entries = document["limits"], document["entries"]
     limits["q_min"] = [5.0, 5.0, 5.0]
-    assert "outside the position limits" in refusal(tmp_path, limits=limits)
+    tells(refusal(tmp_path, limits=limits), "via point 1", "'waist'", "286.479 deg")
     limits["q_min"] = [None, None, None]
-    assert "qd_max" in refusal(tmp_path, limits={**limits, "qd_max": [-1.0, 1.0, 1.0]})
-    assert "numbers" in refusal(tmp_path, limits={**limits, "tau_max": ["much", 1, 1]})
-    assert "schema must be 1" in refusal(tmp_path, limits=limits, schema=2)
-    assert "schema must be 1" in refusal(tmp_path, schema=None)
+    backwards = {**limits, "qd_max": [-1.0, 1.0, 1.0]}
+    tells(refusal(tmp_path, limits=backwards), "qd_max", "joint 1", "[-1, -1] rad/s")
+    tells(
+        refusal(tmp_path, limits={**limits, "tau_max": ["much", 1, 1]}),
+        "tau_max",
+        "numbers",
+        "['much', 1, 1]",
+    )
+    tells(refusal(tmp_path, limits=limits, schema=2), "comparison.json", "schema", "not 2")
+    tells(refusal(tmp_path, schema=None), "comparison.json", "schema", "not None")
     evil = [{**entries[0], "name": "../../cubic"}]
-    assert "names" in refusal(tmp_path, schema=1, entries=evil)
-    assert "names" in refusal(tmp_path, entries=[entries[0], entries[0]])
-    assert "lists files" in refusal(tmp_path, entries=entries, files={"../x": "1"})
+    tells(refusal(tmp_path, schema=1, entries=evil), "different names", "['../../cubic']")
+    twice = [entries[0], entries[0]]
+    tells(refusal(tmp_path, entries=twice), "different names", "['cubic', 'cubic']")
+    tells(
+        refusal(tmp_path, entries=entries, files={"../x": "1"}),
+        "comparison.json",
+        "files",
+        "{'../x': '1'}",
+    )
     (tmp_path / "comparison.json").write_text("[" * 50_000)
-    assert "not a saved comparison" in refusal(tmp_path)
+    tells(refusal(tmp_path), "comparison.json", "saved comparison")
 
 
 def test_a_folder_that_cannot_be_written_keeps_what_it_has(runs, tmp_path, monkeypatch):
@@ -108,7 +121,7 @@ def test_a_folder_that_cannot_be_written_keeps_what_it_has(runs, tmp_path, monke
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(writing, "_fsync", full)
-    with pytest.raises(NotWritten, match="no space left") as caught:
+    with refused("comparison.json", "space", error=NotWritten) as caught:
         runs[1].save(tmp_path, OUTPUTS)
     assert ".part" not in str(caught.value)
     monkeypatch.undo()

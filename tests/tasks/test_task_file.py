@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
+from helpers import refused
 from microbot_ocp._base.schema import Key, keys_of
 from microbot_ocp.robot.files import _toml
 from microbot_ocp.scene import _scene_file, with_arm_capsules
@@ -111,71 +112,73 @@ def test_a_robot_file_is_sought_beside_the_task(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("schema = 1 2", ["not valid TOML"]),
-        (TASK.replace("schema = 1\n", ""), ["schema must be 1", "missing"]),
-        (TASK.replace("schema = 1", "schema = 2"), ["schema must be 1", "not 2"]),
-        (TASK.replace("schema = 1", "schema = true"), ["schema must be 1", "not True"]),
-        ("schema = 1\n" + VIA, ["robot must be one of", "microbot", "missing"]),
-        (TASK.replace('"microbot"', "7"), ["robot must be one of", "not 7"]),
-        (TASK.replace("microbot", "robbie"), ["robot must be one of", "robbie"]),
-        (TASK.replace("microbot", "none.toml"), ["none.toml", "cannot be read"]),
-        ('method = ["cubic"]\n' + TASK, ["'method'", "did you mean 'methods'?", "outputs"]),
-        ('schema = 1\nrobot = "microbot"\n[[stops]]\nq = [0]', ["'stops'", "did you mean 'stop'?"]),
-        ('methods = "cubic"\n' + TASK, ["methods must be a list", "'cubic'"]),
-        ('methods = ["cubc"]\n' + TASK, ["methods", "'cubc'", "did you mean 'cubic'?"]),
-        ('methods = ["cubic", "cubic"]\n' + TASK, ["methods", "different"]),
+        ("schema = 1 2", ["valid TOML", "line 1, column 12"]),
+        (TASK.replace("schema = 1\n", ""), ["schema", "schema = 1", "missing"]),
+        (TASK.replace("schema = 1", "schema = 2"), ["schema", "1", "not 2"]),
+        (TASK.replace("schema = 1", "schema = true"), ["schema", "1", "not True"]),
+        ("schema = 1\n" + VIA, ["robot", ".toml", "microbot", "missing"]),
+        (TASK.replace('"microbot"', "7"), ["robot", ".toml", "not 7"]),
+        (TASK.replace("microbot", "robbie"), ["robot", ".toml", "robbie"]),
+        (TASK.replace("microbot", "none.toml"), ["robot file", "none.toml", "read"]),
+        ('method = ["cubic"]\n' + TASK, ["'method'", "'methods'", "outputs"]),
+        ('schema = 1\nrobot = "microbot"\n[[stops]]\nq = [0]', ["'stops'", "'stop'", "segment"]),
+        ('methods = "cubic"\n' + TASK, ["methods", "list", "'cubic'"]),
+        ('methods = ["cubc"]\n' + TASK, ["methods", "'cubc'", "'cubic'", "lspb"]),
+        ('methods = ["cubic", "cubic"]\n' + TASK, ["methods", "different", "['cubic', 'cubic']"]),
         ('methods = ["cubic_report"]\n' + TASK, ["cubic_report", "via.t"]),
         ('outputs = ["svg"]\n' + TASK, ["outputs", "'svg'", "figures"]),
         ('schema = 1\nrobot = "microbot"', ["[via]", "missing"]),
-        ('schema = 1\nrobot = "microbot"\nvia = 3', ["via must be a table", "3"]),
+        ('schema = 1\nrobot = "microbot"\nvia = 3', ["via", "table", "not 3"]),
         ('schema = 1\nrobot = "microbot"\n[via]\nt = [0, 1]', ["via.q", "missing"]),
-        (TASK + "q = [[0, 0, 0], [1, 1, 1]]", ["via.q", "q or q_deg, not both"]),
+        (TASK + "q = [[0, 0, 0], [1, 1, 1]]", ["via.q", "twice", "q or q_deg"]),
         (TASK.replace("[-90, 90, 90]", "[1, 2]"), ["via.q_deg", "waist", "row 2", "[1, 2]"]),
         (TASK.replace("[-90, 90, 90]", '[1, 2, "3"]'), ["via.q_deg", "numbers", "'3'"]),
-        (TASK.replace("[-90, 90, 90]", "[1, 2, nan]"), ["via.q_deg", "finite"]),
-        (TASK.replace("[[0, 0, 0], [-90, 90, 90]]", "[0, 0, 0]"), ["via.q_deg", "rows"]),
-        (TASK.replace(", [-90, 90, 90]", ""), ["via.q", "at least 2", "not 1"]),
+        (TASK.replace("[-90, 90, 90]", "[1, 2, nan]"), ["via.q_deg", "finite", "[1, 2] is nan"]),
+        (
+            TASK.replace("[[0, 0, 0], [-90, 90, 90]]", "[0, 0, 0]"),
+            ["via.q_deg", "rows", "[0, 0, 0]"],
+        ),
+        (TASK.replace(", [-90, 90, 90]", ""), ["via.q", "2 rows", "not 1"]),
         (TASK + "t = [0, 1, 2]", ["via.t", "[2]", "[3]"]),
-        (TASK + "t = [1, 2]", ["via.t", "increasing times from 0", "[1.0, 2.0]"]),
-        (TASK + "qd = [[0, 0, 0]]", ["via.qd needs via.t"]),
-        (TASK + "qd = [[0, 0, 0], [0, 0, 0]]", ["via.qd needs via.t"]),
+        (TASK + "t = [1, 2]", ["via.t", "increasing", "0, s", "[1.0, 2.0]"]),
+        (TASK + "qd = [[0, 0, 0]]", ["via.qd", "via.t"]),
+        (TASK + "qd = [[0, 0, 0], [0, 0, 0]]", ["via.qd", "via.t"]),
         (TASK + "speed = 3", ["'speed'", "[via]"]),
-        (TASK + "[limits]\ntau_mx = 3", ["'tau_mx'", "did you mean 'tau_max'?"]),
+        (TASK + "[limits]\ntau_mx = 3", ["'tau_mx'", "[limits]", "'tau_max'"]),
         (TASK + "[limits]\ntau_max = [1, 2]", ["limits.tau_max", "shoulder", "[1, 2]"]),
         (TASK + '[limits]\ntau_max = "1"', ["limits.tau_max", "numbers", "'1'"]),
-        (TASK + "[limits]\ntau_max = nan", ["limits.tau_max", "nan"]),
-        (TASK + "[limits]\ntau_max = -1", ["limits.tau_max", "at least 0", "-1"]),
+        (TASK + "[limits]\ntau_max = nan", ["limits.tau_max", "numbers", "nan"]),
+        (TASK + "[limits]\ntau_max = -1", ["limits.tau_max", "joint 1", "0 N m", "-1"]),
         (TASK + "[limits]\nqd_max = 1\nqd_max_deg = 1", ["limits.qd_max", "both", "qd_max_deg"]),
-        (TASK + "[limits]\nq_min = 1\nq_max = -1", ["limits.q_min", "at most"]),
-        (TASK + "[settings]\nmesh = 2", ["settings.mesh", "at least 4", "2"]),
+        (
+            TASK + "[limits]\nq_min = 1\nq_max = -1",
+            ["limits.q_min", "joint 1", "q_max", "-1 rad", "not 1"],
+        ),
+        (TASK + "[settings]\nmesh = 2", ["settings.mesh", "4 intervals", "not 2"]),
         (TASK + "[settings]\nmesh = 40.5", ["settings.mesh", "whole", "40.5"]),
-        (TASK + "[settings]\ncompiled = 1", ["settings.compiled", "true or false", "1"]),
-        (TASK + "[settings]\nblend = 0.7", ["settings.blend", "at most 0.5", "0.7"]),
-        (TASK + "[settings]\ngrid = 1", ["settings.grid", "at least 10", "1"]),
-        (TASK + "[settings]\nmash = 1", ["'mash'", "did you mean 'mesh'?"]),
-        ("tip = 3\n" + TASK, ["tip", "3"]),
+        (TASK + "[settings]\ncompiled = 1", ["settings.compiled", "true or false", "not 1"]),
+        (TASK + "[settings]\nblend = 0.7", ["settings.blend", "0.5", "0.7"]),
+        (TASK + "[settings]\ngrid = 1", ["settings.grid", "10 points", "not 1"]),
+        (TASK + "[settings]\nmash = 1", ["'mash'", "[settings]", "'mesh'"]),
+        ("tip = 3\n" + TASK, ["tip", "text", "not 3"]),
     ],
 )
 def test_an_error_names_file_key_value_and_what_is_allowed(text, words):
-    with pytest.raises(mo.InputError) as refused:
+    with refused("task.toml: ", *words) as caught:
         parse(text)
-    message = str(refused.value)
-    assert "task.toml" in message
-    for word in words:
-        assert word in message
-    assert "\n" not in message
+    assert "\n" not in str(caught.value)
 
 
 def test_an_error_of_the_task_names_the_file_too():
-    with pytest.raises(mo.InputError, match=r"^task\.toml: via point 2 is outside"):
+    with refused("task.toml: via point 2", "position limits", "'waist'", "-900 deg", "360 deg"):
         parse(TASK.replace("-90", "-900")).compare()
 
 
 def test_a_file_that_cannot_be_read(tmp_path):
-    with pytest.raises(mo.InputError, match=r"none\.toml.*No such file"):
+    with refused("none.toml", "file"):
         read_task(tmp_path / "none.toml")
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(mo.InputError, match="not text"):
+    with refused("binary.toml", "text"):
         read_task(tmp_path / "binary.toml")
 
 
@@ -233,39 +236,49 @@ def test_a_file_and_python_state_the_same_stops(tmp_path):
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        ("veloctiy = 'any'", "did you mean 'velocity'?"),
-        ("q = [0, 0, 0]", "a q or a position, not both"),
-        ("[[stop]]\ntolerance_deg = 5\nposition = [3, 0, 4]", "so not tolerance_deg"),
-        ("[[stop]]\nposition = [3, 0, 4]\nrpy = [180, 0, 0]", "or give rpy_deg"),
+        ("veloctiy = 'any'", ("'veloctiy'", "'place'", "'velocity'")),
+        ("q = [0, 0, 0]", ("stop 'place'", "q", "position")),
+        (
+            "[[stop]]\ntolerance_deg = 5\nposition = [3, 0, 4]",
+            ("stop 'stop 3'", "tolerance_deg", "m"),
+        ),
+        (
+            "[[stop]]\nposition = [3, 0, 4]\nrpy = [180, 0, 0]",
+            ("stop 'stop 3'", "rad", "[180.0, 0.0, 0.0]", "rpy_deg"),
+        ),
         (
             "[[stop]]\nq = [0, 0, 0]\n[stop.payload]\ncenter_of_mass = [0, 0, 1]",
-            "mass in the payload of stop 'stop 3' is missing",
+            ("mass", "payload", "'stop 3'", "missing"),
         ),
-        ('[[segment]]\nafter = "pick"\nkind = "line"\n' * 2, "two segments begin at stop 'pick'"),
-        ('[[segment]]\nkind = "line"', "is missing: it must be one of pick, place"),
-        ('[[segment]]\nafter = "plce"\nkind = "line"', "one of pick, place, not 'plce'"),
-        ('[[segment]]\nafter = "pick"\nkind = "curve"', "one of line, circle, joint line"),
-        ('[front]\nkind = "time"', "kind of [front] must be one of effort, torque, not 'time'"),
+        ('[[segment]]\nafter = "pick"\nkind = "line"\n' * 2, ("two segments", "'pick'")),
+        ('[[segment]]\nkind = "line"', ("after", "segment", "missing", "pick, place")),
+        (
+            '[[segment]]\nafter = "plce"\nkind = "line"',
+            ("after", "pick, place", "'plce'", "'place'"),
+        ),
+        (
+            '[[segment]]\nafter = "pick"\nkind = "curve"',
+            ("kind", "'pick'", "line, circle", "'curve'"),
+        ),
+        ('[front]\nkind = "time"', ("kind", "[front]", "effort, torque", "'time'")),
         (
             '[front]\nkind = "torque"\nslacks = [1]',
-            "key 'slacks' of [front] is not for the kind 'torque'",
+            ("'slacks'", "[front]", "'torque'"),
         ),
-        ('[[capsule]]\nlink = "fist"', "in capsule 1: start is missing"),
+        ('[[capsule]]\nlink = "fist"', ("capsule 1", "start", "missing")),
         (
             '[[capsule]]\nlink = "fist"\nstart = [0, 0, 0]\nend = [1, 0, 0]\nradius = 0.1',
-            "in capsule 1: link must be one of base, waist, shoulder, elbow, not 'fist'",
+            ("capsule 1", "link", "base, waist, shoulder", "'fist'"),
         ),
         (
             '[[segment]]\nafter = "pick"\nkind = "circle"',
-            "through in the segment after 'pick' is missing",
+            ("through", "'pick'", "missing"),
         ),
     ],
 )
 def test_what_is_wrong_in_a_cell_is_said(tmp_path, more, said):
-    with pytest.raises(mo.InputError) as problem:
+    with refused("cell.toml: ", *said):
         cell(tmp_path, more)
-    assert str(problem.value).startswith("cell.toml: ")
-    assert said in str(problem.value)
 
 
 def test_a_file_changes_the_capsules_of_one_link(tmp_path):

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import microbot_ocp as mo
+from helpers import refused
 from microbot_ocp.limits import LimitFamily, LimitValues
 from microbot_ocp.motion import State, torque_along
 from microbot_ocp.robot import torque_and_rate
@@ -89,10 +90,10 @@ def test_a_quintic_begins_and_ends_at_rest_under_limits_of_rates(key):
 
 
 @pytest.mark.parametrize("duration", [0.1, 1.0, 1e5])
-@pytest.mark.parametrize("key", RATE_LIMITS)
-def test_no_duration_of_a_cubic_keeps_a_rate(key, duration):
+@pytest.mark.parametrize(("key", "limit"), [("taud", "7.5 N/s"), ("qddd", "2.5 m/s^3")])
+def test_no_duration_of_a_cubic_keeps_a_rate(key, limit, duration):
     """From rest its acceleration jumps to 6 L / T^2."""
-    with pytest.raises(mo.InputError, match=r"jumps at .*no duration keeps .*quintic"):
+    with refused("jumps", "'joint 1'", "0 s", limit, "quintic"):
         shortest_duration(slider(), cubic([[0.0], [L]], [0.0, duration]), RATE_LIMITS[key])
 
 
@@ -201,44 +202,46 @@ def refuse(limits, shape=None):
 REFUSALS = [
     (
         lambda: refuse(mo.Limits(tau_max=[400.0, 150.0, 200.0])),
-        r"holding the arm still at q = \(0 deg, 0 deg, 0 deg\).*takes 196 N m at joint "
-        r"'shoulder'.*-150 to 150 N m",
+        ("(0 deg, 0 deg, 0 deg)", "196 N m", "'shoulder'", "-150 to 150 N m"),
     ),
     (
         lambda: refuse(mo.Limits(q_max=1.0, qd_max=1.0)),
-        r"joint 'elbow' reaches 90 deg \(1.5708 rad\) at 4 s, but its limit is 57.2958 deg",
+        ("'elbow'", "90 deg (1.5708 rad)", "4 s", "57.2958 deg"),
     ),
-    (lambda: refuse(mo.Limits(q_max=4.0)), "limits must hold a finite qd_max"),
-    (lambda: refuse(mo.Limits(taud_max=1e3)), "torque of joint 'waist' jumps at 2 s.*1000 N m/s"),
+    (lambda: refuse(mo.Limits(q_max=4.0)), ("limits", "finite", "qd_max, qdd_max, tau_max")),
+    (lambda: refuse(mo.Limits(taud_max=1e3)), ("torque", "'waist'", "2 s", "1000 N m/s")),
     (
         lambda: refuse(
             mo.Limits(qd_max=[np.inf, np.inf, 1.0]), cubic([[0] * 3, [1, 1, 0]], [0, 1])
         ),
-        "meets no limit",
+        ("make_motion", "no limit"),
     ),
     (
         lambda: refuse(mo.Limits(qd_max=1.0), cubic([[0], [1]], [0, 1])),
-        "has 1 joints, but the robot has 3",
+        ("make_motion", "1 joints", "robot", "3"),
     ),
     (
         lambda: refuse(mo.Limits(qd_max=1.0), 3.0),
-        "make_motion must be a PiecewisePolynomial or a function, not 3",
+        ("make_motion", "PiecewisePolynomial", "function", "3.0"),
     ),
-    (lambda: refuse(mo.Limits(qd_max=1.0), lambda T: T), "must return a PiecewisePolynomial"),
+    (
+        lambda: refuse(mo.Limits(qd_max=1.0), lambda T: T),
+        ("make_motion", "PiecewisePolynomial", "float"),
+    ),
     (
         lambda: refuse(mo.Limits(qd_max=1.0), lambda T: cubic(VIA_Q, VIA_T)),
-        r"make_motion\(1\) must return a motion of 1 s, not 4 s",
+        ("make_motion(1)", "1 s", "4 s"),
     ),
     (
         lambda: refuse(mo.Limits(tau_max=100.0), lambda T: cubic(VIA_Q, [0, T / 2, T])),
-        "holding the arm still",
+        ("0 s", "196 N m", "'shoulder'", "-100 to 100 N m"),
     ),
 ]
 
 
 @pytest.mark.parametrize(("call", "message"), REFUSALS)
 def test_refusals(call, message):
-    with pytest.raises(mo.InputError, match=message):
+    with refused(*message):
         call()
 
 
@@ -246,7 +249,7 @@ def test_a_robot_without_masses_can_be_limited_in_speed_only():
     robot = mo.Robot.from_dh(alpha=[0.0], a=[0.0], d=[0.0])
     shape = cubic([[0.0], [1.0]], [0.0, 1.0])
     assert shortest_duration(robot, shape, mo.Limits(qd_max=1.5)).duration == pytest.approx(1.0)
-    with pytest.raises(mo.InputError, match=r"tau_max limits the torque, but .* has no masses"):
+    with refused("tau_max", "'robot'", "masses"):
         shortest_duration(robot, shape, mo.Limits(tau_max=1.5))
 
 
