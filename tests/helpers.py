@@ -59,17 +59,14 @@ def tells(text: str, *parts: object) -> None:
 
 
 def missing_in(text: str, parts: Iterable[object]) -> list[str]:
-    """Return the parts that a text does not hold. A number is not part of a longer number."""
-    return [
-        part
-        for part in map(str, parts)
-        if not re.search(
-            r"(?<![\d.])" * part[:1].isdigit()
-            + re.escape(part)
-            + r"(?!\.?\d)" * part[-1:].isdigit(),
-            text,
-        )
-    ]
+    """Return the parts that a text does not hold, each from the beginning of a word or number."""
+    return [part for part in map(str, parts) if not re.search(whole(part), text)]
+
+
+def whole(part: str) -> str:
+    """Return a pattern that finds a part, but not within a longer name or number."""
+    begin = r"(?<!\w)" * part[:1].isalnum() + r"(?<!\.)" * part[:1].isdigit()
+    return begin + re.escape(part) + r"(?!\.?\d)" * part[-1:].isdigit()
 
 
 def crossed(*axes: Iterable[Any]) -> list[Any]:

@@ -80,7 +80,7 @@ def test_a_long_motion_has_fewer_samples_a_second(robot):
 )
 def test_simulations_of_terabytes_are_refused(robot, given):
     shape = mo.quintic(VIA, [0.0, 2.0])
-    with refused("number of samples", "e+12", "2,000,000"):
+    with refused("number of samples", "2,000,000"):
         mo.track(robot, shape, mo.ComputedTorque(kp=100.0), **given)
 
 
