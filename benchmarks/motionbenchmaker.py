@@ -19,6 +19,9 @@ keeps torques, speeds and accelerations at its grid points, but no torque rates 
 A further column is the first path of our search, timed by our reachability under torques with
 friction, but without torque rates. ``--page FILE`` writes all tables
 at the end of a page; docs/motionbenchmaker.md has parts of them.
+``--conditions curobo curobo-torque`` solves the Panda's problems under the limits of cuRobo's
+benchmark, with tool poses as goals and without the chain, and compares the motion times with those
+that are published (benchmarks/curobo.py).
 The original meshes are checked by pinocchio and coal against the original boxes and cylinders, at
 places along the motion, without our capsules.
 """
@@ -26,6 +29,7 @@ places along the motion, without our capsules.
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import re
 import statistics
@@ -41,9 +45,9 @@ import pinocchio as pin
 import toppra
 
 import microbot_ocp as mo
+from benchmarks import curobo
 from benchmarks.scenes import read
 from external.toppra_timing import PolynomialPath, even_grid, toppra_problem
-from microbot_ocp._base.deadline import processor_time
 from microbot_ocp.scene import Surroundings, detour
 
 ROBOTS = ("panda", "ur5")
@@ -70,6 +74,9 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--robot", choices=ROBOTS, nargs="*", default=ROBOTS)
     parser.add_argument("--family", choices=FAMILIES, nargs="*", default=DEVELOPING)
+    parser.add_argument(
+        "--conditions", choices=curobo.CONDITIONS, nargs="*", default=curobo.CONDITIONS[:1]
+    )
     parser.add_argument("--first", type=int, default=1)
     parser.add_argument("--count", type=int, default=100)
     parser.add_argument("--limit", type=float, default=60.0, help="s of wall time a problem")
@@ -77,12 +84,17 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--out", type=Path, default=Path("out/motionbenchmaker.jsonl"))
     parser.add_argument("--page", type=Path, help="Markdown to write the tables into")
     options = parser.parse_args(arguments)
-    rows = read(options.out)
-    done = {(row["robot"], row["family"], row["number"]) for row in rows}
+    rows = [{"conditions": "makers", **row} for row in read(options.out)]
+    done = {(row["robot"], row["family"], row["number"], row["conditions"]) for row in rows}
     numbers = range(options.first, options.first + options.count)
-    cases = [(r, f, k) for k in numbers for f in options.family for r in options.robot]
+    cases = itertools.product(numbers, options.family, options.conditions, options.robot)
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    todo = [(options.data, *case, options.limit) for case in cases if case not in done]
+    todo = [
+        (options.data, robot, family, number, conditions, options.limit)
+        for number, family, conditions, robot in cases
+        if (robot, family, number, conditions) not in done
+        and (robot == "panda" or conditions == "makers")
+    ]
     for row in _rows(todo, options.jobs):
         rows.append(row)
         print(line(row), flush=True)
@@ -190,36 +202,46 @@ class Meshes:
         return q
 
 
-def measured(folder: Path, name: str, family: str, number: int, limit: float) -> dict[str, Any]:
-    """Solve one problem, and by the usual chain; return the row."""
-    robot, place = arm(folder, name), folder / name / "problems" / f"{family}_{name}"
+def measured(
+    folder: Path, name: str, family: str, number: int, conditions: str, limit: float
+) -> dict[str, Any]:
+    """Solve one problem, under the makers' limits by the usual chain as well; return the row."""
+    own = arm(folder, name)
+    robot = curobo.under(own, conditions)
+    place = folder / name / "problems" / f"{family}_{name}"
     scene = mo.load_scene(place / f"scene{number:04d}.yaml")
     via = mo.scene.load_request(place / f"request{number:04d}.yaml", robot)
     meshes = Meshes(folder, robot, name, scene)
     row: dict[str, Any] = {"robot": name, "family": family, "number": number}
+    row["conditions"] = conditions
     row["ends_free_by_meshes"] = meshes.free(via)
-    row["chain"] = chain(robot, scene, via)
-    begun = processor_time()
+    makers = conditions == "makers"
+    row["chain"] = chain(robot, scene, via) if makers else None
+    task = via if makers else curobo.pose_goal(robot, via)
+    watch = curobo.Stopwatch()
     try:
-        motion = mo.time_optimal(robot, via, scene=scene, time_limit=limit)
+        motion = mo.time_optimal(
+            robot, task, scene=scene, time_limit=limit, progress=None if makers else watch
+        )
     except mo.InputError as problem:
-        return row | {"outcome": "refused", "why": str(problem)}
-    spent = processor_time() - begun
-    certificate = mo.certify(robot, motion, via_q=via, scene=scene)
+        return row | {"outcome": "refused", "why": str(problem), "processor": watch.spent}
+    spent = watch.spent
+    certificate = mo.certify(robot, motion, via_q=task, scene=scene)
     clearance = motion.provenance["clearance"]
     good = motion.solved and certificate.ok and clearance["proved"]
     known = certificate.ok and clearance["proved"]
-    q = motion.sample(np.linspace(0.0, motion.duration, POSES)).q
+    samples = motion.sample(np.linspace(0.0, motion.duration, POSES))
+    q = samples.q
     return row | {
         "outcome": "solved" if good else "known motion" if known else "not certified",
         "status": str(motion.status),
         "why": "" if good else motion.advice,
         "duration": motion.duration,
-        "path": min((p["duration"] for p in motion.provenance["paths"]), default=None),
+        "path": min((p["duration"] for p in motion.provenance.get("paths", ())), default=None),
         "stages": {
-            "planning": motion.provenance.get("planning_time", 0.0),
-            **{own.strategy: own.seconds for own in motion.outcome.ledger or ()},
-            "all": motion.provenance["wall_time"],
+            "planning": motion.provenance.get("planning_time", watch.planning),
+            **{line.strategy: line.seconds for line in motion.outcome.ledger or ()},
+            "all": motion.provenance.get("wall_time", spent),
         },
         "first": motion.provenance.get("first_certified"),
         "processor": spent,
@@ -227,6 +249,7 @@ def measured(folder: Path, name: str, family: str, number: int, limit: float) ->
         "verdict": certificate.verdict,
         "free_by_meshes": meshes.free(q),
         "clearance_of_meshes": meshes.apart(q[:: POSES // DISTANCES]),
+        **curobo.torques(own, conditions, samples),
     }
 
 
@@ -255,7 +278,7 @@ def chain(robot: mo.Robot, scene: mo.Scene, via: np.ndarray) -> float | None:
 
 
 def line(row: dict[str, Any]) -> str:
-    head = f"{row['robot']:5s} {row['family']:16s} {row['number']:3d} {row['outcome']}"
+    head = f"{name_of(row):5s} {row['family']:16s} {row['number']:3d} {row['outcome']}"
     if "duration" not in row:
         return f"{head}: {row['why']}"
     first, usual = (f"{row[k]:.3f} s" if row[k] else "none" for k in ("first", "chain"))
@@ -268,8 +291,20 @@ def line(row: dict[str, Any]) -> str:
 
 
 def report(rows: list[dict[str, Any]]) -> str:
-    """Return Markdown tables of the record: by family, unsolved problems, shares of the time."""
-    return "\n\n".join([table(rows), unsolved(rows), stages(rows)])
+    """Return Markdown tables of the record: results, unsolved problems, shares of the time."""
+    results = curobo.comparison if compared(rows) else table
+    return "\n\n".join([results(rows), unsolved(rows), stages(rows)])
+
+
+def compared(rows: list[dict[str, Any]]) -> bool:
+    """Return True if a record holds problems under the conditions of others."""
+    return any(row["conditions"] != "makers" for row in rows)
+
+
+def name_of(row: dict[str, Any]) -> str:
+    """Return the name of the arm and of the conditions that others set."""
+    makers = row["conditions"] == "makers"
+    return row["robot"] if makers else f"{row['robot']} {row['conditions']}"
 
 
 def median(values: Iterable[float | None], text: str) -> str:
@@ -285,7 +320,7 @@ def unsolved(rows: list[dict[str, Any]]) -> str:
         if row["outcome"] == "refused" or (row["outcome"] == "solved" and in_time):
             continue
         why = re.split(r" at \d|[.:]", row["why"])[0] or f"more than {IN_TIME:g} s"
-        group = numbers.setdefault((row["robot"], why), {})
+        group = numbers.setdefault((name_of(row), why), {})
         group.setdefault(row["family"], []).append(str(row["number"]))
     lines = [
         f"- {robot}, {why}: "
@@ -299,8 +334,8 @@ def stages(rows: list[dict[str, Any]]) -> str:
     """Return the table of the times of all stages: medians by robot, s, as Markdown."""
     names = dict.fromkeys(name for row in rows for name in row.get("stages", ()))
     lines = ["| robot | " + " | ".join(names) + " |", "|---" * (len(names) + 1) + "|"]
-    for robot in dict.fromkeys(row["robot"] for row in rows):
-        given = [row["stages"] for row in rows if row["robot"] == robot and "stages" in row]
+    for robot in dict.fromkeys(map(name_of, rows)):
+        given = [row["stages"] for row in rows if name_of(row) == robot and "stages" in row]
         times = (median((own.get(name, 0.0) for own in given), "{:.2f}") for name in names)
         lines.append(f"| {robot} | " + " | ".join(times) + " |")
     return "\n".join(lines)
@@ -336,6 +371,9 @@ def table(rows: list[dict[str, Any]]) -> str:
 
 def draw(rows: list[dict[str, Any]], path: Path) -> None:
     """Draw durations against the chain's, and the share of certified motions over time."""
+    if compared(rows):
+        curobo.draw(rows, path)
+        return
     from matplotlib.figure import Figure
 
     figure = Figure((9, 4), layout="constrained")

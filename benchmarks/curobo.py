@@ -1,0 +1,153 @@
+"""Limits, goals and published motion times of cuRobo V2, for the benchmark motionbenchmaker.
+
+Read in github.com/NVlabs/curobo, commit a35a708: the figures in docs/reference/benchmarks.rst, the
+conditions in benchmark/motion_plan_benchmark.py, the limits in franka.yml and franka_panda.urdf.
+Their 2600 problems are of MotionBenchMaker and of Motion Policy Networks; the times of single
+problems are not published.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import microbot_ocp as mo
+from microbot_ocp._base.deadline import processor_time
+
+CONDITIONS = ("makers", "curobo", "curobo-torque")
+WIDENED = 0.2  # rad by which their benchmark widens the position limits
+ACCELERATION, JERK = 15.0, 500.0  # rad/s^2 and rad/s^3 of every joint
+PAYLOAD = 3.0  # kg, a point mass in the frame of the hand, whose origin is our tool
+SHARES = (50, 75, 98)  # published percentiles of the motion time
+# Success in %, then mean and percentiles of the motion time in s, of the largest torque in N m, and
+# median of the planning time in s on an RTX 6000 Ada.
+PUBLISHED = {
+    "curobo": (99.73, (1.250, 1.243, 1.486, 2.128), (71.028, 67.328, 86.430, 132.991), 0.035),
+    "curobo-torque": (99.73, (1.336, 1.304, 1.540, 2.738), (62.270, 65.345, 73.378, 82.450), 0.043),
+}
+
+
+def under(robot: mo.Robot, conditions: str) -> mo.Robot:
+    """Return a Panda under the limits of some conditions, with their payload."""
+    if conditions == "makers":
+        return robot
+    own = robot.limits
+    theirs = robot.with_limits(
+        q_min=own.q_min - WIDENED,
+        q_max=own.q_max + WIDENED,
+        qdd_max=ACCELERATION,
+        qddd_max=JERK,
+        taud_max=np.inf,
+    )
+    if conditions == "curobo-torque":
+        return theirs.with_payload(PAYLOAD)
+    return theirs.with_limits(tau_max=np.inf)
+
+
+def pose_goal(robot: mo.Robot, via: np.ndarray) -> list[mo.Stop]:
+    """Return stops at the joint pose of a start and at the tool pose of a goal, via [2,n].
+
+    Their goal is the pose of panda_hand, which is fixed to our tool: both leave the same freedom.
+    """
+    tool = np.array(mo.forward_kinematics(robot)(via[1]))
+    return [mo.Stop(q=via[0]), mo.Stop(position=tool[:3, 3], orientation=tool[:3, :3])]
+
+
+class Stopwatch:
+    """Processor times of a search, which reports its progress here."""
+
+    def __init__(self) -> None:
+        self._begun = processor_time()
+        self._first: float | None = None
+
+    def __call__(self, event: Any) -> None:
+        if self._first is None and not isinstance(event, str):
+            self._first = self.spent
+
+    @property
+    def planning(self) -> float:
+        """Processor time until the first iteration of a solver, or so far without one, s."""
+        return self.spent if self._first is None else self._first
+
+    @property
+    def spent(self) -> float:
+        """Processor time so far, s."""
+        return processor_time() - self._begun
+
+
+def torques(robot: mo.Robot, conditions: str, samples: Any) -> dict[str, float]:
+    """Return the largest torques of samples of a motion by the dynamics of an arm.
+
+    "torque" is the largest of any joint, N m, "torque_share" the largest share of the maker's
+    limits, "loaded_..." the same with the payload of their benchmark, which evaluates with it by
+    default. Samples are a position, a velocity and an acceleration [N,n].
+    """
+    found = {}
+    loaded = robot.with_payload(PAYLOAD)
+    held = loaded if conditions == "curobo-torque" else robot
+    for name, moved in {"torque": held, "loaded_torque": loaded}.items():
+        inverse = mo.inverse_dynamics(moved)
+        used = np.abs([np.array(inverse(*state)).ravel() for state in zip(*samples, strict=True)])
+        found |= {name: float(used.max())}
+        found |= {f"{name}_share": float((used / robot.limits.tau_max).max())}
+    return found
+
+
+def comparison(rows: list[dict[str, Any]]) -> str:
+    """Return our figures by conditions beside the published ones, as Markdown."""
+    lines = [
+        "| conditions | problems | success | converged too | motion time, mean, s | "
+        + " | ".join(f"{share} %" for share in SHARES)
+        + " | largest torque, N m, mean | 98 % | share of the limit, mean | planning, median, s |",
+        "|---" * 12 + "|",
+    ]
+    for conditions in CONDITIONS:
+        tried = [r for r in rows if r["conditions"] == conditions and r["ends_free_by_meshes"]]
+        found = certified(tried, conditions)
+        if not found:
+            continue
+        times = np.array([r["duration"] for r in found])
+        loads = np.array([r["loaded_torque"] for r in found])
+        cells = [
+            f"{conditions}, ours",
+            str(len(tried)),
+            f"{len(found)}",
+            str(sum(r["outcome"] == "solved" for r in found)),
+            *(f"{t:.3f}" for t in (times.mean(), *np.percentile(times, SHARES))),
+            f"{loads.mean():.1f}",
+            f"{np.percentile(loads, 98):.1f}",
+            f"{100 * np.mean([r['torque_share'] for r in found]):.0f} %",
+            f"{np.median([r['processor'] for r in found]):.1f}",
+        ]
+        lines.append("| " + " | ".join(cells) + " |")
+        if conditions in PUBLISHED:
+            success, motion, torque, planning = PUBLISHED[conditions]
+            theirs = [f"{conditions}, theirs", "2600", f"{success} %", "-"]
+            theirs += [*(f"{t:.3f}" for t in motion), f"{torque[0]:.1f}", f"{torque[-1]:.1f}"]
+            lines.append("| " + " | ".join([*theirs, "-", f"{planning}"]) + " |")
+    return "\n".join(lines)
+
+
+def certified(rows: list[dict[str, Any]], conditions: str) -> list[dict[str, Any]]:
+    """Return the rows of some conditions with a certified motion that is proved to keep clear."""
+    own = [r for r in rows if r["conditions"] == conditions]
+    return [r for r in own if r["outcome"] in ("solved", "known motion")]
+
+
+def draw(rows: list[dict[str, Any]], path: Path) -> None:
+    """Draw the shares of motions below a motion time, and the published percentiles."""
+    from matplotlib.figure import Figure
+
+    figure = Figure((9, 4), layout="constrained")
+    axes = figure.subplots(1, 2, sharex=True, sharey=True)
+    for axis, conditions in zip(axes, PUBLISHED, strict=True):
+        times = sorted(r["duration"] for r in certified(rows, conditions))
+        shares = 100 * np.arange(1, len(times) + 1) / max(len(times), 1)
+        axis.step(times, shares, where="post", label="certified motions")
+        axis.plot(PUBLISHED[conditions][1][1:], SHARES, "o", label="cuRobo V2, 2600 problems")
+        axis.set(title=conditions, xlabel="motion time [s]")
+    axes[0].set_ylabel("motions [%]")
+    axes[0].legend()
+    figure.savefig(path)
