@@ -240,7 +240,7 @@ def measured(
         "path": min((p["duration"] for p in motion.provenance.get("paths", ())), default=None),
         "stages": {
             "planning": motion.provenance.get("planning_time", watch.planning),
-            **{line.strategy: line.seconds for line in motion.outcome.ledger or ()},
+            **{entry.strategy: entry.seconds for entry in motion.outcome.ledger or ()},
             "all": motion.provenance.get("wall_time", spent),
         },
         "first": motion.provenance.get("first_certified"),
