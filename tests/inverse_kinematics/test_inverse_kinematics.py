@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 import microbot_ocp as mo
-from helpers import batch, random_robot, sampled
-from microbot_ocp import InputError, Status
+from helpers import batch, random_robot, refused, sampled, tells
+from microbot_ocp import Status
 from microbot_ocp.inverse_kinematics import _kernels, _search, branches_by_nlp, elbow_arm_branches
 
 SHOULDER = np.array([0.0, 0.0, 2.0])
@@ -108,9 +108,9 @@ def test_closed_form_is_in_the_order_of_the_report() -> None:
     )
 
 
-@pytest.mark.parametrize("position", [(7.01, 0, 2), (0, 0, 2.5)])
-def test_closed_form_refuses_what_is_out_of_reach(position: tuple[float, ...]) -> None:
-    with pytest.raises(InputError, match="between 1 and 7 m from the shoulder, not "):
+@pytest.mark.parametrize(("position", "said"), [((7.01, 0, 2), "7.01 m"), ((0, 0, 2.5), "0.5 m")])
+def test_closed_form_refuses_what_is_out_of_reach(position: tuple[float, ...], said: str) -> None:
+    with refused("position", "between 1 and 7 m", said):
         elbow_arm_branches(position)
 
 
@@ -207,7 +207,7 @@ def test_prismatic_joints_have_branches_too() -> None:
     beyond = mo.solve_ik(scara, position - [0, 0, 0.3], turn)
     assert beyond.status is Status.LIMITS
     assert beyond.position_error == pytest.approx(0.2, abs=1e-8)
-    assert "joint 4" in beyond.advice
+    tells(beyond.advice, "0.2 m", "36.35 deg", "joint 4")
 
 
 # ---- limits and seeds
@@ -233,8 +233,7 @@ def test_limits_that_prevent_the_target_are_named(microbot: mo.Robot) -> None:
     robot = limited(microbot, [-1, -0.5, 0], [1, 0.5, 1])
     (solution,) = mo.solve_ik_all(robot, TARGET)
     assert solution.status is Status.LIMITS
-    assert "within the joint limits" in solution.advice
-    assert "elbow" in solution.advice
+    tells(solution.advice, f"{solution.position_error:.6g} m", "elbow")
     assert np.all(solution.q >= robot.limits.q_min)
     assert np.all(solution.q <= robot.limits.q_max)
     grid = np.linspace(robot.limits.q_min, robot.limits.q_max, 25).T
@@ -350,7 +349,7 @@ def test_distance_missed_is_exact(microbot: mo.Robot, target: tuple[float, ...])
         assert solution.status is Status.OUT_OF_REACH
         assert not solution.solved
         assert solution.position_error == pytest.approx(max(radius - 7, 1 - radius), abs=1e-8)
-        assert f"missed by {solution.position_error:.6g} m" in solution.advice
+        tells(solution.advice, f"{solution.position_error:.6g} m")
         assert np.linalg.norm(solution.pose[:3, 3] - target) == pytest.approx(
             solution.position_error, abs=1e-12
         )
@@ -371,7 +370,7 @@ def test_orientation_out_of_freedom_is_missed_by_the_least_angle(microbot: mo.Ro
     turns = [s.pose[:3, :3] for s in mo.solve_ik_all(microbot, TARGET)]
     angles = [np.arccos((np.trace(turn) - 1) / 2) for turn in turns]
     assert solution.orientation_error == pytest.approx(min(angles), abs=1e-9)
-    assert "orientation is missed by 90.7" in solution.advice
+    tells(solution.advice, "orientation", "90.72 deg")
 
 
 def test_orientation_that_happens_to_fit_is_reached(microbot: mo.Robot) -> None:
@@ -633,7 +632,7 @@ def test_line_out_of_reach_is_reported_row_by_row(microbot: mo.Robot) -> None:
     assert path.statuses[:11] == (Status.SOLVED,) * 11
     assert path.statuses[11:] == (Status.OUT_OF_REACH,) * 10
     assert path.position_error[11:] == pytest.approx(line[11:, 0] - 7, abs=1e-8)
-    assert "10 of 21 targets are missed, the first is row 11" in path.advice
+    tells(path.advice, "10 of 21", "row 11", "row 20", "2 m")
 
 
 def test_line_whose_branch_meets_a_limit_tells_the_jump(microbot: mo.Robot) -> None:
@@ -685,43 +684,43 @@ REFLECTION = np.diag([1.0, 1.0, -1.0])
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    ("arguments", "said"),
     [
-        ({"position": [1, 2]}, r"position must have shape \[3\], not \[2\]"),
-        ({"position": [1, 2, np.nan]}, r"position must be finite, but entry \[2\] is nan m"),
-        ({"position": "here"}, "position must be an array of numbers"),
-        ({"orientation": np.eye(4)}, r"orientation must have shape \[3, 3\]"),
-        ({"orientation": 2 * np.eye(3)}, r"orientation must be a rotation"),
-        ({"orientation": REFLECTION}, r"orientation must be a rotation"),
-        ({"orientation": np.full((3, 3), np.inf)}, "orientation must be finite"),
-        ({"seed": [0, 0]}, r"seed must have shape \[3\]"),
-        ({"seed": [0, 0, np.inf]}, "seed must be finite"),
-        ({"robot": "microbot"}, "robot must be a Robot"),
+        ({"position": [1, 2]}, ("position", "[3]", "[2]")),
+        ({"position": [1, 2, np.nan]}, ("position", "[2]", "nan m")),
+        ({"position": "here"}, ("position", "numbers", "'here'")),
+        ({"orientation": np.eye(4)}, ("orientation", "[3, 3]", "[4, 4]")),
+        ({"orientation": 2 * np.eye(3)}, ("orientation", "rotation", "0.001", "3 off")),
+        ({"orientation": REFLECTION}, ("orientation", "rotation", "mirrors")),
+        ({"orientation": np.full((3, 3), np.inf)}, ("orientation", "[0, 0]", "inf")),
+        ({"seed": [0, 0]}, ("seed", "[3]", "[2]")),
+        ({"seed": [0, 0, np.inf]}, ("seed", "[2]", "inf rad")),
+        ({"robot": "microbot"}, ("robot", "Robot", "'microbot'", "mo.load_robot")),
     ],
 )
 def test_bad_input_is_one_clear_sentence(
-    microbot: mo.Robot, arguments: dict[str, object], message: str
+    microbot: mo.Robot, arguments: dict[str, object], said: tuple[str, ...]
 ) -> None:
     given_all: dict[str, object] = {"robot": microbot, "position": TARGET, **arguments}
-    with pytest.raises(InputError, match=message):
+    with refused(*said):
         mo.solve_ik(**given_all)  # type: ignore[arg-type]
     if "seed" not in arguments:
-        with pytest.raises(InputError, match=message):
+        with refused(*said):
             mo.solve_ik_all(**given_all)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
-    ("positions", "orientations", "message"),
+    ("positions", "orientations", "said"),
     [
-        ([1, 2, 3], None, r"positions must have shape \[any, 3\], not \[3\]"),
-        (np.zeros((0, 3)), None, "positions must have at least one row"),
-        ([TARGET], [np.eye(3)] * 2, r"orientations must have shape \[1, 3, 3\]"),
-        ([TARGET] * 2, [np.eye(3), REFLECTION], r"orientations\[1\] must be a rotation"),
+        ([1, 2, 3], None, ("positions", "[any, 3]", "not [3]")),
+        (np.zeros((0, 3)), None, ("positions", "one row", "not 0")),
+        ([TARGET], [np.eye(3)] * 2, ("orientations", "[1, 3, 3]", "[2, 3, 3]")),
+        ([TARGET] * 2, [np.eye(3), REFLECTION], ("orientations[1]", "rotation", "mirrors")),
     ],
 )
 def test_bad_lines_are_refused(
-    microbot: mo.Robot, positions: object, orientations: object, message: str
+    microbot: mo.Robot, positions: object, orientations: object, said: tuple[str, ...]
 ) -> None:
     for solve in (mo.follow_ik, mo.inverse_kinematics.solve_ik_batch):
-        with pytest.raises(InputError, match=message):
+        with refused(*said):
             solve(microbot, positions, orientations)  # type: ignore[operator]

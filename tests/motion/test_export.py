@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
+from helpers import refused
 
 FIELDS = {"positions": "q", "velocities": "qd", "accelerations": "qdd", "effort": "tau"}
 
@@ -101,25 +102,25 @@ def test_keyframes_are_taken_by_mujoco(motion, robot, tmp_path):
 
 
 def test_what_cannot_be_written_is_refused(motion, tmp_path):
-    with pytest.raises(mo.InputError, match=r"ending of path must be one of .*csv"):
+    with refused("ending of path", ".csv, .json", "'.txt'"):
         motion.export(tmp_path / "a.txt")
-    with pytest.raises(mo.InputError, match="rate must be above 0"):
+    with refused("rate", "above 0 Hz", "not 0.0"):
         motion.export(tmp_path / "a.csv", rate=0.0)
-    with pytest.raises(mo.InputError, match="motion has 6 joints, but the robot has 3"):
+    with refused("motion", "6 joints", "robot has 3"):
         motion.export(tmp_path / "a.csv", robot=mo.load_robot("microbot"))
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("ending", [".csv", ".json", ".xml", ".mat", ".parquet"])
 def test_what_takes_minutes_to_write_is_refused(motion, tmp_path, ending):
-    with pytest.raises(mo.InputError, match=f"samples in a {ending} file would be 2.2e\\+06"):
+    with refused("number of samples", f"{ending} file", "2.2e+06"):
         motion.export(tmp_path / f"a{ending}", rate=1e6)
     assert not list(tmp_path.iterdir())
 
 
 def test_a_trajectory_of_ros_ends_before_its_clock(motion, tmp_path):
     late = mo.Motion([0.0, 1e10], *(np.zeros((2, 3)),) * 4, label="late")
-    with pytest.raises(mo.InputError, match="less than 2\\^31 s"):
+    with refused("ROS", "2^31 s", "1e+10 s"):
         late.export(tmp_path / "a.json")
-    with pytest.raises(mo.InputError, match="rate must be above 0"):
+    with refused("rate", "above 0 Hz", "not 0.0"):
         motion.export(tmp_path / "a.json", rate=0.0)

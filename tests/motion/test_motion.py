@@ -16,7 +16,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.polynomial import Polynomial
 
 import microbot_ocp as mo
-from helpers import batch
+from helpers import batch, refused, tells
 from microbot_ocp import InputError
 from microbot_ocp._base.outcome import SOLVED, Advice, Outcome
 from microbot_ocp.motion import (
@@ -113,28 +113,28 @@ def test_stretching_keeps_the_start() -> None:
 
 
 @pytest.mark.parametrize(
-    ("breaks", "coefficients", "message"),
+    ("breaks", "coefficients", "said"),
     [
-        ([0.0], np.zeros((0, 2, 3)), "breaks must be at least two strictly increasing times"),
-        ([0.0, 0.0], np.zeros((1, 2, 3)), "breaks must be at least two strictly increasing times"),
-        ([1.0, 0.0], np.zeros((1, 2, 3)), "breaks must be at least two strictly increasing times"),
-        ([0.0, np.inf], np.zeros((1, 2, 3)), r"breaks must be finite, but entry \[1\] is inf s"),
-        ([0.0, 1.0], np.zeros((2, 2, 3)), r"coefficients must have shape \[1, any, any\]"),
-        ([0.0, 1.0], np.zeros((1, 2)), r"coefficients must have shape \[1, any, any\]"),
-        ([0.0, 1.0], np.zeros((1, 0, 3)), "coefficients must not be empty"),
-        ([0.0, 1.0], np.full((1, 2, 3), np.nan), "coefficients must be finite"),
+        ([0.0], np.zeros((0, 2, 3)), ("breaks", "two", "increasing", "s, not [0.0]")),
+        ([0.0, 0.0], np.zeros((1, 2, 3)), ("breaks[1] is 0 s", "breaks[0]", "0 s")),
+        ([1.0, 0.0], np.zeros((1, 2, 3)), ("breaks[1] is 0 s", "breaks[0]", "1 s")),
+        ([0.0, np.inf], np.zeros((1, 2, 3)), ("breaks", "[1]", "inf s")),
+        ([0.0, 1.0], np.zeros((2, 2, 3)), ("coefficients", "[1, any, any]", "[2, 2, 3]")),
+        ([0.0, 1.0], np.zeros((1, 2)), ("coefficients", "[1, any, any]", "[1, 2]")),
+        ([0.0, 1.0], np.zeros((1, 0, 3)), ("coefficients", "empty", "(1, 0, 3)")),
+        ([0.0, 1.0], np.full((1, 2, 3), np.nan), ("coefficients", "finite", "[0, 0, 0]", "nan")),
     ],
 )
 def test_impossible_polynomial_is_refused(
-    breaks: list[float], coefficients: np.ndarray, message: str
+    breaks: list[float], coefficients: np.ndarray, said: tuple[str, ...]
 ) -> None:
-    with pytest.raises(InputError, match=message):
+    with refused(*said):
         PiecewisePolynomial(breaks, coefficients)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("factor", [0.0, -1.0, np.nan, np.inf, "2"])
 def test_impossible_stretch_is_refused(factor: float) -> None:
-    with pytest.raises(InputError, match="factor must be "):
+    with refused("factor must"):
         BANG_BANG.stretched(factor)
 
 
@@ -234,12 +234,12 @@ def test_sample_times_increase_hold_every_break_and_keep_the_step(
 
 @pytest.mark.parametrize("t", [-0.1, 2.1, np.nan, [0.5, 3.0], "0.5"])
 def test_sample_outside_the_motion_is_refused(bang_bang: Motion, t: Any) -> None:
-    with pytest.raises(InputError, match=r"^t must be "):
+    with refused("t must"):
         bang_bang.sample(t)
 
 
 def test_sample_outside_names_the_duration_and_the_time(bang_bang: Motion) -> None:
-    with pytest.raises(InputError, match=r"^t must be within the motion, 0 to 2 s, not 2\.5 s$"):
+    with refused("t must", "0 to 2 s", "not 2.5 s"):
         bang_bang.sample([1.0, 2.5])
 
 
@@ -274,7 +274,7 @@ def test_resampled_torques_are_its_inverse_dynamics(microbot: mo.Robot, bang_ban
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, np.inf, "fast"])
 def test_impossible_rate_is_refused(bang_bang: Motion, rate: float) -> None:
-    with pytest.raises(InputError, match="rate must be "):
+    with refused("rate must"):
         bang_bang.resample(rate)
 
 
@@ -288,38 +288,24 @@ def still(**changes: Any) -> Motion:
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    ("changes", "said"),
     [
-        ({"t": [0.0]}, "t must be at least two strictly increasing times from 0, s, not [0.0]"),
-        (
-            {"t": [0.0, 0.0]},
-            "t must be at least two strictly increasing times from 0, s, "
-            "but t[1] is 0 s after t[0] of 0 s",
-        ),
-        (
-            {"t": [1.0, 2.0]},
-            "t must be at least two strictly increasing times from 0, s, not [1.0, 2.0]",
-        ),
-        ({"t": [0.0, np.nan]}, "t must be finite, but entry [1] is nan s"),
-        ({"q": np.zeros((3, 3))}, "q must have shape [2, any], not [3, 3]"),
-        ({"q": np.zeros(2)}, "q must have shape [2, any], not [2]"),
-        ({"qd": np.zeros((2, 2))}, "qd must have shape [2, 3], not [2, 2]"),
-        ({"tau": np.full((2, 3), np.inf)}, "tau must be finite, but entry [0, 0] is inf N m"),
-        ({"breaks": [0.0]}, "breaks must be strictly increasing times from 0 to 1 s, not [0.0]"),
-        (
-            {"breaks": [0.0, 0.5]},
-            "breaks must be strictly increasing times from 0 to 1 s, not [0.0, 0.5]",
-        ),
-        (
-            {"breaks": [0.0, 1.5, 1.0]},
-            "breaks must be strictly increasing times from 0 to 1 s, not [0.0, 1.5, 1.0]",
-        ),
+        ({"t": [0.0]}, ("t must", "two", "increasing", "s, not [0.0]")),
+        ({"t": [0.0, 0.0]}, ("t must", "increasing", "t[1] is 0 s", "t[0] of 0 s")),
+        ({"t": [1.0, 2.0]}, ("t must", "from 0, s", "[1.0, 2.0]")),
+        ({"t": [0.0, np.nan]}, ("t must", "[1]", "nan s")),
+        ({"q": np.zeros((3, 3))}, ("q must", "[2, any]", "[3, 3]")),
+        ({"q": np.zeros(2)}, ("q must", "[2, any]", "not [2]")),
+        ({"qd": np.zeros((2, 2))}, ("qd must", "[2, 3]", "[2, 2]")),
+        ({"tau": np.full((2, 3), np.inf)}, ("tau must", "[0, 0]", "inf N m")),
+        ({"breaks": [0.0]}, ("breaks", "increasing", "0 to 1 s", "[0.0]")),
+        ({"breaks": [0.0, 0.5]}, ("breaks", "increasing", "0 to 1 s", "[0.0, 0.5]")),
+        ({"breaks": [0.0, 1.5, 1.0]}, ("breaks", "increasing", "0 to 1 s", "[0.0, 1.5, 1.0]")),
     ],
 )
-def test_impossible_motion_is_refused(changes: dict[str, Any], message: str) -> None:
-    with pytest.raises(InputError) as refused:
+def test_impossible_motion_is_refused(changes: dict[str, Any], said: tuple[str, ...]) -> None:
+    with refused(*said):
         still(**changes)
-    assert str(refused.value) == message
 
 
 def test_the_outcome_tells_status_advice_and_note(bang_bang: Motion, tmp_path) -> None:
@@ -342,9 +328,9 @@ def test_an_unknown_status_is_not_taken_for_solved() -> None:
 
 def test_motion_for_another_robot_is_refused(microbot: mo.Robot) -> None:
     narrow = PiecewisePolynomial([0.0, 1.0], np.ones((1, 3, 2)))
-    with pytest.raises(InputError, match=r"q must have shape \[any, 3\], not \[1001, 2\]"):
+    with refused("q must", "[any, 3]", "[1001, 2]"):
         Motion.from_polynomial(microbot, narrow, label="narrow")
-    with pytest.raises(InputError, match=r"q must have shape \[any, 3\]"):
+    with refused("q must", "[any, 3]", "[2, 2]"):
         Motion.from_state(microbot, [0.0, 1.0], State(*np.zeros((3, 2, 2))), label="narrow")
 
 
@@ -352,9 +338,9 @@ def test_polynomial_of_too_high_a_degree_or_too_small_a_step_is_refused(
     microbot: mo.Robot,
 ) -> None:
     steep = PiecewisePolynomial([0.0, 1.0], np.ones((1, 7, 3)))
-    with pytest.raises(InputError, match="polynomial must be of degree at most 5, not 6"):
+    with refused("polynomial", "degree", "5", "not 6"):
         Motion.from_polynomial(microbot, steep, label="steep")
-    with pytest.raises(InputError, match="step must be above 0 s, not 0"):
+    with refused("step", "above 0 s", "not 0"):
         Motion.from_polynomial(microbot, BANG_BANG, label="stuck", step=0)
 
 
@@ -396,7 +382,7 @@ def test_saving_over_a_motion_replaces_it_and_a_failed_save_keeps_it(
     path = still(label="first").save(tmp_path / "motion.npz")
     bang_bang.save(path)
     assert Motion.load(path).label == "bang-bang"
-    with pytest.raises(InputError, match="provenance must hold plain JSON values"):
+    with refused("provenance", "JSON"):
         still(provenance={"solver": object()}).save(path)
     assert Motion.load(path).label == "bang-bang"
     assert [p.name for p in tmp_path.iterdir()] == ["motion.npz"]
@@ -470,15 +456,14 @@ def test_broken_file_is_refused_by_name(
 ) -> None:
     path = bang_bang.save(tmp_path / "motion.npz")
     spoil(path)
-    with pytest.raises(InputError, match=r"motion\.npz is (not a saved motion: |no file: )"):
+    with refused("motion.npz is ", "saved motion"):
         Motion.load(path)
 
 
 def test_file_of_a_newer_version_is_refused_as_such(bang_bang: Motion, tmp_path: Path) -> None:
     path = bang_bang.save(tmp_path / "motion.npz")
     edited(path, schema=SCHEMA + 1)
-    message = rf"newer version \(schema {SCHEMA + 1}; this one reads up to {SCHEMA}\)"
-    with pytest.raises(InputError, match=message):
+    with refused("motion.npz", f"schema {SCHEMA + 1}", f"up to {SCHEMA}"):
         Motion.load(path)
 
 
@@ -523,7 +508,7 @@ def test_a_stretched_motion_is_that_of_the_stretched_polynomial():
     )
     assert [(mark.time, mark.name) for mark in slow.marks] == [(pytest.approx(1.05), "via 2")]
     np.testing.assert_allclose(slow.breaks, [0.0, 1.05])
-    with pytest.raises(InputError, match=r"factor must be above 0, not 0\.0"):
+    with refused("factor", "above 0", "not 0.0"):
         fast.stretched(robot, 0.0)
 
 
@@ -535,7 +520,7 @@ def test_a_stretched_motion_has_no_slopes_of_the_faster_one():
     slow = fast.stretched(robot, 2.0)
     named = {"robot": robot.name, "robot_digest": robot.chain_digest}
     assert slow.provenance == {"method": "search", **named}
-    with pytest.raises(InputError, match="no multipliers"):
+    with refused("motion", "no multipliers"):
         slow.sensitivities(robot)
 
 
@@ -550,17 +535,16 @@ def test_a_motion_names_its_robot_and_certify_says_so_of_another(tmp_path):
     longer = replace(robot, d=robot.d + 0.1)
     heavier = robot.with_payload(1.0)
     renamed = replace(robot, name="other")
-    for arm, sentence in (
-        (robot, ""),
-        (heavier, ""),
-        (renamed, ""),
-        (robot.with_limits(qd_max=0.1), ""),
-        (longer, "this motion names robot 'microbot' with other rows"),
-        (mo.load_robot("planar_3r"), "this motion names robot 'microbot', not 'planar_3r'"),
+    for arm, parts in (
+        (robot, ()),
+        (heavier, ()),
+        (renamed, ()),
+        (robot.with_limits(qd_max=0.1), ()),
+        (longer, ("other rows",)),
+        (mo.load_robot("planar_3r"), ("'planar_3r'",)),
     ):
         head, _, verdict = mo.certify(arm, motion).verdict.partition(": ")
         assert head in ("Passed", "Failed")
-        assert verdict.startswith(sentence or ("every", "re-sim", "the stored", "velocity")), (
-            verdict
-        )
-        assert ("names robot" in verdict) == bool(sentence)
+        first = verdict.split("; ")[0].split(": ")[0]
+        tells(first, *parts)
+        assert ("robot 'microbot'" in first) == ("robot 'microbot'" in verdict) == bool(parts)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
-from helpers import sampled, sampled_rows
+from helpers import refused, sampled, sampled_rows, tells
 from microbot_ocp import ocp
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.planning.free import initial_guesses, phase_names, polynomial, transcription
@@ -100,12 +100,12 @@ def test_the_table_and_the_bars(solver):
     slopes = solver().sensitivities(solver.robot)
     table = slopes.table()
     assert table.rows[0][0] == "torque of elbow, upper"
-    assert "one more kg at the tool costs" in table.notes[0]
+    tells(table.notes[0], "kg at the tool", "ms")
     assert len(slopes.plot()[0].patches) == len(table.rows)
     sure = {row[0] for row in table.rows if row[4] == "yes"}
     assert sure == slopes.binding
     # of a limit that nothing of the motion comes near to a barrier still says something
-    assert "velocity of shoulder, lower" not in slopes.binding
+    assert not {"velocity of shoulder, lower"} & slopes.binding
 
 
 @pytest.mark.thorough
@@ -124,7 +124,7 @@ def test_where_more_digits_are_asked_for_the_smoothing_costs_fewer():
     assert slopes.lower["tau"][2] == pytest.approx((high - low) / 0.2, rel=0.01)
     assert {"torque of wrist, lower", "torque of elbow, lower"} <= slopes.binding
     roughly = mo.TimeOptimalSolver(robot, via, mesh=40, starts=2, rounds=0)
-    assert "torque of wrist, lower" not in roughly().sensitivities(robot).binding
+    assert not {"torque of wrist, lower"} & roughly().sensitivities(robot).binding
 
 
 def test_torques_and_masses_together_change_nothing(program):
@@ -169,9 +169,9 @@ def test_along_a_line(solver):
     assert reserve.slope == pytest.approx(-200.0 * torque.slope, rel=1e-6)
     assert torque.table().rows[0][0] == 200.0
     assert len(line.plot()[0].lines) >= 3
-    with pytest.raises(mo.InputError, match="name must be one of"):
+    with refused("name", "payload", "'mass'"):
         solver.along("mass", [1.0])
-    with pytest.raises(mo.InputError, match="payload 1000: via point 1 cannot be held at rest"):
+    with refused("payload 1000", "via point 1", "at rest"):
         solver.along("payload", [0.02, 1000.0])
 
 
@@ -185,7 +185,7 @@ def test_multipliers_are_saved_with_the_motion(solver, tmp_path):
 
 def test_motions_without_multipliers(solver, microbot):
     shape = mo.Motion.from_polynomial(microbot, mo.cubic(VIA_Q, [0, 1, 2]), label="cubic")
-    with pytest.raises(mo.InputError, match="motion has no multipliers"):
+    with refused("motion", "no multipliers"):
         shape.sensitivities(microbot)
-    with pytest.raises(mo.InputError, match="motion has 3 joints, but the robot has 6"):
+    with refused("motion", "3 joints", "robot has 6"):
         solver().sensitivities(mo.load_robot("ur5e"))
