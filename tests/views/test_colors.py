@@ -10,6 +10,7 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 
 import microbot_ocp as mo
+from helpers import refused
 from microbot_ocp.views._style import FIXED, JOINT_LOOKS, OTHERS
 
 # Machado, Oliveira and Fernandes (2009), severity 1, on linear RGB
@@ -98,5 +99,5 @@ def test_dark_figures_have_dark_paper_and_leave_the_figure_as_it_was(tmp_path) -
     assert np.median(light) == 255
     assert np.median(dark) < 30
     assert dark.max() > 200  # texts
-    with pytest.raises(mo.InputError, match="theme"):
+    with refused("theme", "'sepia'"):
         axes.savefig(tmp_path / "a.png", theme="sepia")

@@ -9,6 +9,7 @@ import pytest
 import rerun_notebook
 
 import microbot_ocp as mo
+from helpers import refused, tells
 from microbot_ocp.views.recording import of_motion
 
 ASSET = "RERUN_NOTEBOOK_ASSET"
@@ -57,18 +58,18 @@ def test_the_server_has_the_program_and_nothing_else(robot, motion, monkeypatch)
     with urlopen(f"{address}/re_viewer_bg.wasm") as answer:
         assert answer.headers["Content-Type"] == "application/wasm"
         assert answer.read(4) == b"\0asm"
-    with pytest.raises(OSError, match="404"):
+    with refused("404", error=OSError):
         urlopen(f"{address}/../__init__.py")
 
 
 def test_without_the_extra_one_line_says_what_to_install(robot, motion, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "rerun_notebook", None)
     assert mo.show(motion, robot) is None
-    assert "pip install 'microbot_ocp[notebook]'" in capsys.readouterr().out
+    tells(capsys.readouterr().out, "pip install 'microbot_ocp[notebook]'")
 
 
 def test_what_cannot_be_shown_is_refused(robot, motion):
-    with pytest.raises(mo.InputError, match="needs the robot of a motion"):
+    with refused("show", "motion", "robot"):
         mo.show(motion)
-    with pytest.raises(mo.InputError, match="show takes a Comparison or a Motion, not Robot"):
+    with refused("show", "Comparison", "Motion", "Robot"):
         mo.show(robot)

@@ -5,6 +5,7 @@ import re
 import pytest
 
 import microbot_ocp as mo
+from helpers import tells
 from microbot_ocp import ocp
 from ocp.textbook import bryson_denham
 
@@ -41,7 +42,7 @@ def test_a_certificate_shows_its_verdict_and_its_arcs(refined):
     html = certificate._repr_html_()
     assert repr(certificate).endswith("passed>" if certificate.ok else "FAILED>")
     assert "complementarity" in html
-    assert "state x at its upper limit" in html
+    tells(html, "state x", "upper limit")
 
 
 def test_a_branch_is_one_line():

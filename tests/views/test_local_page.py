@@ -8,6 +8,7 @@ from urllib.request import ProxyHandler, build_opener
 
 import pytest
 
+from helpers import refused
 from microbot_ocp.views.live import local_page
 
 DATA = "http://127.0.0.1:9876"
@@ -44,15 +45,15 @@ def test_the_copy_is_the_page_with_a_policy(source):
     assert rules["connect-src"] == f"'self' {DATA}"
     assert rules["default-src"] == "'self'"
     assert not any("//" in rule for name, rule in rules.items() if name != "connect-src")
-    with pytest.raises(OSError, match="refused"):
+    with refused("refused", error=OSError):
         OPENER.open(address)
 
 
 def test_what_the_source_lacks_the_copy_lacks(source):
-    with local_page(source, DATA) as address, pytest.raises(HTTPError, match="404"):
+    with local_page(source, DATA) as address, refused("404", error=HTTPError):
         OPENER.open(f"{address}/none.js")
 
 
 def test_a_source_that_does_not_answer():
-    with local_page("http://127.0.0.1:9", DATA) as address, pytest.raises(HTTPError, match="502"):
+    with local_page("http://127.0.0.1:9", DATA) as address, refused("502", error=HTTPError):
         OPENER.open(address)

@@ -5,6 +5,8 @@ import sys
 
 import pytest
 
+from helpers import tells
+
 SCRIPT = """
 import sys
 sys.modules["{package}"] = None  # as if it were not installed
@@ -24,23 +26,23 @@ for ask in ({asks}):
 
 
 @pytest.mark.parametrize(
-    ("package", "asks", "line"),
+    ("package", "asks", "parts"),
     [
         (
             "matplotlib",
             "lambda: comparison.plot(), lambda: mo.plots.motion, "
             f"lambda: motion.export({'a.gif'!r}, robot=robot)",
-            "need matplotlib: pip install matplotlib",
+            ("matplotlib", "pip install matplotlib"),
         ),
         (
             "rerun",
             "lambda: comparison.to_rerun('a.rrd'), lambda: motion.to_rerun(robot, 'a.rrd')",
-            "recordings need rerun: pip install rerun-sdk",
+            ("rerun", "pip install rerun-sdk"),
         ),
     ],
     ids=["matplotlib", "rerun"],
 )
-def test_all_but_pictures_works_without_it(package, asks, line, tmp_path) -> None:
+def test_all_but_pictures_works_without_it(package, asks, parts, tmp_path) -> None:
     script = SCRIPT.format(package=package, asks=asks, folder=str(tmp_path))
     run = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=False
@@ -48,7 +50,8 @@ def test_all_but_pictures_works_without_it(package, asks, line, tmp_path) -> Non
     assert run.returncode == 0, run.stderr
     refused = [text for text in run.stdout.splitlines() if text.startswith("refused:")]
     assert len(refused) == asks.count("lambda")
-    assert all(text.endswith(line) for text in refused), refused
+    for text in refused:
+        tells(text, *parts)
 
 
 def test_importing_the_package_loads_neither() -> None:

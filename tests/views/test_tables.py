@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from helpers import tells
 from microbot_ocp.views import tables
 
 
@@ -64,10 +65,8 @@ def test_table_fits_120_columns(comparison):
 
 def test_notes_tell_failures_and_refusals(comparison):
     text = printed(comparison.table(), width=200)
-    assert "LSPB, scaled: not solved: infeasible; the blends overlap" in text
-    assert "certificate refused" in text
-    assert "torque of elbow reaches" in text
-    assert "stops at the via point" in text
+    tells(text, "LSPB, scaled", "not solved", "infeasible")
+    tells(text, "certificate refused", "torque of elbow", "via point")
 
 
 def test_a_comparison_prints_its_table(comparison):

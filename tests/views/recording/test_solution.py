@@ -8,6 +8,7 @@ from every_kind import solution
 from reading import read, scalars, static
 
 import microbot_ocp as mo
+from helpers import refused, tells
 from microbot_ocp.ocp.search import solve
 from microbot_ocp.views.recording import of_solution
 
@@ -50,9 +51,9 @@ def test_what_failed_says_so(tmp_path):
     failed = solve(problem, mesh=5)
     assert not failed.status.solved
     path = of_solution(failed, "short of time").save(tmp_path / "failed.rrd")
-    assert "short of time: infeasible" in static(path, "/summary", "TextDocument:text")[0]
+    tells(static(path, "/summary", "TextDocument:text")[0], "short of time", "infeasible")
     bare = replace(failed, phases=(replace(failed.phases[0], layout=None),))
-    with pytest.raises(mo.InputError, match="'go' was not made by a solve"):
+    with refused("'go'", "solve"):
         of_solution(bare)
 
 
