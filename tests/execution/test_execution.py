@@ -9,6 +9,7 @@ import pytest
 
 import microbot_ocp as mo
 from execution import franka
+from helpers import refused, tells
 from microbot_ocp.execution import CommandRows
 from microbot_ocp.execution._check import efforts
 from microbot_ocp.execution._curve import NEAR, played_task, rows_of
@@ -222,7 +223,7 @@ def test_what_slowing_down_does_not_help(microbot):
     beyond = float(microbot.limits.q_max[1]) + 0.1
     leaves = mo.quintic([[0.0, 0.0, 0.0], [0.0, beyond, 0.0]], [0.0, 20.0])
     motion = mo.Motion.from_polynomial(microbot, leaves, label="quintic")
-    with pytest.raises(mo.InputError, match=r"position of shoulder is .* plan under the limits"):
+    with refused("position of shoulder", "rad at 20 s", "'hold'", "-6.2832 to 6.2832"):
         mo.execution.commanded(microbot, motion, "hold@100")
 
 
@@ -235,9 +236,9 @@ def test_what_moves_at_an_end_is_no_command(microbot):
         label="from the middle",
     )
     for profile in ("hold@100", "ros2_jtc_linear@100"):
-        with pytest.raises(mo.InputError, match=r"motion must begin at rest .* not at .* rad/s"):
+        with refused("motion", "begin at rest", "0.137 rad/s"):
             mo.execution.commanded(microbot, half, profile)
-    with pytest.raises(mo.InputError, match="motion has 3 joints, but the robot has 6"):
+    with refused("motion", "3 joints", "robot has 6"):
         mo.execution.commanded(mo.load_robot("ur5e"), half, "hold@100")
 
 
@@ -255,7 +256,7 @@ def test_a_motion_with_another_payload_is_refused(microbot, tmp_path):
         lambda robot: mo.smallest_reserve(robot, motion, mo.ComputedTorque(kp=100.0), [robot], 1.0),
     ):
         played(loaded)
-        with pytest.raises(mo.InputError, match=r"not those of .* robot.with_payload"):
+        with refused("torques", "'microbot'", "waist", "N m", "robot.with_payload"):
             played(microbot)
 
 
@@ -269,7 +270,7 @@ def test_segments_without_stops_are_refused(microbot):
         lambda **given: mo.execution.ratings(microbot, motion, **given),
     ):
         for given in ({"cycle": True}, {"segments": [None]}):
-            with pytest.raises(mo.InputError, match=r"segments and cycle .* via_q"):
+            with refused("segments and cycle", "stops", "via_q"):
                 asked(**given)
 
 
@@ -304,82 +305,90 @@ def test_of_two_limits_of_the_tool_the_tighter_one_counts(microbot, own, tighter
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("text", "said"),
     [
-        ("[limits]\nqd_max = 'a'", "qd_max must be an array of numbers"),
+        ("[limits]\nqd_max = 'a'", ("qd_max", "numbers", "'a'")),
         (
             "look_ahead = 0.002",
-            "look_ahead needs qd_max in table \\[limits\\], or a table \\[braking\\]",
+            ("look_ahead", "qd_max", "[limits]", "[braking]"),
         ),
-        ("columns = 5", "columns must be a list, not 5"),
-        ("columns = 'q'", "columns must be a list, not 'q'"),
+        ("columns = 5", ("columns", "list", "not 5")),
+        ("columns = 'q'", ("columns", "list", "'q'")),
         (
             "[braking]\nq_min = 1.0\nq_max = [1.0]\nqd_max = [1.0]\ndeceleration = [1.0]\n"
             "offset = [0.0]",
-            r"q_min must have shape \[any\]",
+            ("q_min", "[any]", "[]"),
         ),
     ],
 )
-def test_profile_files_of_other_kinds(tmp_path, text, message):
+def test_profile_files_of_other_kinds(tmp_path, text, said):
     path = tmp_path / "mine.toml"
     path.write_text(f"name = 'mine'\ninterpolation = 'hold'\nrate = 100.0\n{text}\n", "utf-8")
-    with pytest.raises(mo.InputError, match=f"mine.toml: {message}"):
+    with refused("mine.toml", *said):
         mo.execution.load_profile(path)
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "message"),
+    ("name", "text", "said"),
     [
-        ("a.csv", "", "a.csv: it is empty"),
-        ("a.csv", "0,1,2\n1,2,3\n", "1 to 4 columns for each of 3 joints, .* not 3"),
+        ("a.csv", "", ("empty",)),
+        ("a.csv", "0,1,2\n1,2,3\n", ("1 to 4 columns", "3 joints", "not 3")),
         (
             "a.csv",
             "t,a,b,c\n0,0,0,0\n1,1,1\n",
-            r"line 3 must hold 4 numbers, not \['1', '1', '1'\]",
+            ("line 3", "4 numbers", "['1', '1', '1']"),
         ),
-        ("a.csv", "0,0,0,0\n0,1,1,1\n", "two strictly increasing times"),
-        ("a.csv", "t,a,b,c\n0,0,0,x\n", "line 2 must hold 4 numbers"),
-        ("a.csv", "t,a,b,c\n", "it has heads and no rows"),
+        ("a.csv", "0,0,0,0\n0,1,1,1\n", ("increasing", "t[1] is 0 s", "t[0] of 0 s")),
+        ("a.csv", "t,a,b,c\n0,0,0,x\n", ("line 2", "4 numbers", "'x'")),
+        ("a.csv", "t,a,b,c\n", ("no rows",)),
         (
             "a.csv",
             "t,q a [deg],b,c\n0,0,0,0\n",
-            "its joints must be waist, shoulder, elbow, not a, b",
+            ("joints", "waist, shoulder, elbow", "a, b, c"),
         ),
-        ("a.csv", "t,q1 [deg],b,c\n0,0,0,0\n", r"column 'q1 \[deg\]' must be in rad, not in deg"),
-        ("a.csv", "t (ms),a,b,c\n0,0,0,0\n", r"column 't \(ms\)' must be in s, not in ms"),
+        ("a.csv", "t,q1 [deg],b,c\n0,0,0,0\n", ("'q1 [deg]'", "in rad", "in deg")),
+        ("a.csv", "t (ms),a,b,c\n0,0,0,0\n", ("'t (ms)'", "in s", "in ms")),
         (
             "a.csv",
             "t,elbow_q,b,c\n0,0,0,0\n",
-            "column 'elbow_q' must be of waist, or named 'elbow'",
+            ("'elbow_q'", "waist", "'elbow'"),
         ),
         (
             "a.csv",
             "waist,shoulder,elbow,t\n0,0,0,0\n",
-            "first column must be the time, s, not 'waist'",
+            ("first column", "time, s", "'waist'"),
         ),
-        ("a.csv", "0,0,0,0\n0.01,0,99,0\n", "shoulder in row 2 is 99 rad, .* give radians"),
+        (
+            "a.csv",
+            "0,0,0,0\n0.01,0,99,0\n",
+            ("position of shoulder", "row 2", "99 rad", "-6.28319 to 6.28319 rad"),
+        ),
         (
             "a.csv",
             "0,0,0,0\n9,0,0,0\n",
-            "a.csv: row 2 is at 9 s, but profile 'hold' plays it at 0.01",
+            ("row 2", "9 s", "'hold'", "0.01 s"),
         ),
-        ("a.json", "{", "it is no JSON"),
-        ("a.json", "{}", "one trajectory with joint_names and points, but holds 0"),
-        ("a.json", json.dumps([MESSAGE, MESSAGE]), "but holds 2"),
+        ("a.json", "{", ("no JSON",)),
+        ("a.json", "{}", ("one trajectory", "joint_names", "points", "holds 0")),
+        ("a.json", json.dumps([MESSAGE, MESSAGE]), ("one trajectory", "holds 2")),
         (
             "a.json",
             json.dumps(MESSAGE).replace("0.01", "1" + 400 * "0"),
-            "number that is too large",
+            ("number", "too large"),
         ),
-        ("a.json", json.dumps(MESSAGE), r"positions of point 2 must be 3 numbers, not \[1.0\]"),
-        ("a.yaml", "joint_names: [a, b, c]\npoints: [{}]", "its joints must be waist, shoulder"),
-        ("a.npz", "x", "no archive of numpy"),
-        ("a.txt", "x", "ending of the file must be one of"),
+        ("a.json", json.dumps(MESSAGE), ("positions of point 2", "3 numbers", "[1.0]")),
+        (
+            "a.yaml",
+            "joint_names: [a, b, c]\npoints: [{}]",
+            ("joints", "waist, shoulder, elbow", "a, b, c"),
+        ),
+        ("a.npz", "x", ("archive", "numpy")),
+        ("a.txt", "x", ("ending", ".csv, .json, .yaml", "'.txt'")),
     ],
 )
-def test_files_that_are_no_trajectories(microbot, tmp_path, name, text, message):
+def test_files_that_are_no_trajectories(microbot, tmp_path, name, text, said):
     (tmp_path / name).write_text(text, "utf-8")
-    with pytest.raises(mo.InputError, match=message):
+    with refused(*said if name == "a.txt" else (name, *said)):
         mo.check(microbot, tmp_path / name, "hold@100")
 
 
@@ -387,13 +396,13 @@ def test_archives_of_other_arrays(microbot, tmp_path):
     path = tmp_path / "a.npz"
     with path.open("wb") as file:
         np.save(file, np.zeros(3))
-    with pytest.raises(mo.InputError, match="no archive of numpy"):
+    with refused("a.npz", "archive", "numpy"):
         mo.check(microbot, path, "hold@100")
     path.write_bytes(b"PK\x03\x04" + bytes(100))  # damaged
-    with pytest.raises(mo.InputError, match="no archive of numpy"):
+    with refused("a.npz", "archive", "numpy"):
         mo.check(microbot, path, "hold@100")
     np.savez(path, time=[0.0, 0.01])
-    with pytest.raises(mo.InputError, match="must hold the arrays t and q"):
+    with refused("a.npz", "t and q", "qd, qdd, tau"):
         mo.check(microbot, path, "hold@100")
     shape(microbot, "hold", 5).save(path)
     assert mo.check(microbot, path, "hold@100").ok  # sampled at the rate, as a motion is
@@ -437,20 +446,20 @@ def test_joints_in_another_order_and_times_of_both_kinds(microbot, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("profile", "message"),
+    ("profile", "said"),
     [
-        ("nothing", "profile must be one of fr3, hold, panda"),
-        ("hold", "needs a rate in Hz"),
-        ("hold@fast", "must be a number of Hz"),
-        ("hold@0", "rate must be above 0 Hz"),
-        ("panda", "profile panda, for other joints than microbot's: qd_max must have shape"),
-        ("hold@100", "row 2 is at 0.5 s, but profile 'hold' plays it at 0.01 s"),
-        ("ros2_jtc_cubic", "needs qd in every row"),
+        ("nothing", ("profile", "fr3, hold, panda", "'nothing'")),
+        ("hold", ("'hold'", "Hz", "'hold@500'")),
+        ("hold@fast", ("'hold'", "Hz", "'fast'")),
+        ("hold@0", ("rate", "above 0 Hz", "not 0.0")),
+        ("panda", ("profile panda", "microbot", "qd_max", "[3]", "[7]")),
+        ("hold@100", ("row 2", "0.5 s", "'hold'", "0.01 s")),
+        ("ros2_jtc_cubic", ("'ros2_jtc_cubic'", "qd in every")),
     ],
 )
-def test_profiles_that_do_not_fit(microbot, profile, message):
+def test_profiles_that_do_not_fit(microbot, profile, said):
     rows = CommandRows(np.array([0.0, 0.5]), np.zeros((2, 3)))
-    with pytest.raises(mo.InputError, match=message):
+    with refused(*said):
         mo.check(microbot, rows, profile)
 
 
@@ -519,15 +528,15 @@ def test_a_payload_that_changes_on_the_way(pick_and_place, tmp_path, profile):
         certificate = mo.check(robot, path, profile, via_q=stops)
         assert certificate.ok
         assert "assumed" not in certificate.verdict
-        assumed = "the marks (home, grip, above, release, back) do not tell"
-        assert assumed in mo.check(robot, path, profile).verdict
+        assumed = mo.check(robot, path, profile).verdict
+        tells(assumed, "assumed", f"marks ({', '.join(stop.name for stop in stops)})")
     heavier = [stops[0], replace(stops[1], payload=6.0), *stops[2:]]
     certificate = mo.check(robot, path, profile, via_q=heavier)
     torque = next(each for each in certificate.limit_checks if each.quantity == "tau")
     assert not certificate.ok
     assert torque.violation > 0.05
     assert grip.time <= torque.time <= release.time + 3 * step
-    with pytest.raises(mo.InputError, match=r"not those of .* via_q"):
+    with refused("torques", "'microbot'", "shoulder", "N m", "via_q"):
         mo.check(robot, motion, profile)
 
 
@@ -624,12 +633,9 @@ def test_a_pose_outside_of_a_profile_is_refused_by_its_position(panda):
         motion = mo.Motion.from_polynomial(
             free, mo.quintic([inside, outside], [0.0, 5.0]), label="quintic"
         )
-        with pytest.raises(mo.InputError) as caught:
+        moved = f"position of {panda.joint_names[joint]}"
+        with refused(moved, f"{value:g} rad at 5 s", "'fr3'", allowed):
             mo.execution.commanded(free, motion, "fr3")
-        sentence = str(caught.value)
-        assert f"position of {panda.joint_names[joint]} is {value:g} rad at 5 s" in sentence
-        assert "'fr3'" in sentence
-        assert allowed in sentence
 
 
 @pytest.mark.thorough
@@ -652,7 +658,7 @@ def test_efforts_say_whether_marks_are_of_the_arm_as_it_is(microbot, tmp_path):
     path = motion.export(tmp_path / "a.csv", profile="hold@250", robot=microbot)
     assert "assumed" not in mo.check(microbot, path, "hold@250").verdict
     loaded = mo.check(microbot.with_payload(1.0), path, "hold@250")
-    assert "the marks (grip, release) do not tell" in loaded.verdict
+    tells(loaded.verdict, "assumed", "marks (grip, release)")
 
 
 @pytest.mark.parametrize("gravity", [True, False])
@@ -665,7 +671,7 @@ def test_efforts_of_another_load_are_told(microbot, gravity):
     for arm, told in ((microbot, False), (loaded, True)):
         given = replace(rows, tau=efforts(arm, state, profile), marks=())
         verdict = mo.check(microbot, given, "hold@250").verdict
-        assert ("the efforts belong to another arm" in verdict) == told
+        assert ("assumed" in verdict) == ("efforts" in verdict) == told
     assert (
         "assumed" not in mo.check(microbot, replace(rows, tau=None, marks=()), "hold@250").verdict
     )
@@ -674,7 +680,7 @@ def test_efforts_of_another_load_are_told(microbot, gravity):
 def test_a_trajectory_without_marks_is_no_motion_of_stops(microbot):
     stops = [mo.Stop(q=[0.0, 0.0, 0.0], payload=1.0), mo.Stop(q=[0.1, 0.1, 0.1])]
     rows = CommandRows(np.array([0.0, 0.5]), np.zeros((2, 3)))
-    with pytest.raises(mo.InputError, match=r"has 0 marks, but the task 2 stops"):
+    with refused("'trajectory, by ros2_jtc_linear'", "0 marks", "2 stops"):
         mo.check(microbot, rows, "ros2_jtc_linear@100", via_q=stops)
 
 

@@ -14,6 +14,7 @@ import pytest
 from hypothesis import example, given, settings, strategies as st
 
 import microbot_ocp as mo
+from helpers import refused, warned
 from microbot_ocp.execution import read_rows
 from microbot_ocp.motion import Columns, write_columns
 
@@ -104,7 +105,7 @@ def test_joints_of_a_gripper_are_passed_over_with_a_warning(tmp_path: Path, endi
         path.write_text(motion.export(tmp_path / "a.json", robot=arm_and_hand).read_text())
     else:
         motion.export(path, robot=arm_and_hand)
-    with pytest.warns(UserWarning, match="no such joints: finger"):
+    with warned("not judged", "joints: finger"):
         rows = read_rows(path, robot)
     np.testing.assert_allclose(rows.q, motion.q[:, 1:], rtol=0, atol=1e-12)
 
@@ -115,7 +116,7 @@ def test_a_joint_that_is_missing_or_there_twice(tmp_path: Path, names: list[str]
     document = {"joint_names": names, "points": [point, {**point, "time_from_start": 1.0}]}
     path = tmp_path / "a.json"
     path.write_text(json.dumps(document))
-    with pytest.raises(mo.InputError, match="its joints must be waist, elbow, not waist"):
+    with refused("a.json", "waist, elbow, not", ", ".join(names)):
         read_rows(path, arm(["waist", "elbow"]))
 
 
@@ -161,25 +162,25 @@ def test_messages_that_hold_a_trajectory(tmp_path: Path, message: dict[str, Any]
 @pytest.mark.parametrize(
     ("message", "path"),
     [
-        ({**ROWS, "joint_name": []}, "joint_name is no field of JointTrajectory; did you mean"),
+        ({**ROWS, "joint_name": []}, "joint_name is no field"),
         (
             {**ROWS, "points": [{**TWO[0], "velocity": [0, 0]}, TWO[1]]},
-            r"points\[0\]\.velocity is no",
+            "points[0].velocity is no field",
         ),
         (
             {"joint_trajectory": ROWS, "multi_dof_joint_trajectory": {"points": [{"a": 1}]}},
-            r"multi_dof_joint_trajectory\.points is ",
+            "multi_dof_joint_trajectory.points is ",
         ),
         (
             {
                 "trajectory": [{"joint_trajectory": ROWS}],
                 "trajectory_start": {"attached_collision_objects": [{"link_name": "hand"}]},
             },
-            r"trajectory_start\.attached_collision_objects is ",
+            "trajectory_start.attached_collision_objects is ",
         ),
         (
             {"trajectory": {"joint_trajectory": ROWS}, "error_code": {"val": -1}},
-            r"error_code\.val is -1",
+            "error_code.val is -1",
         ),
         ({"trajectory": ROWS, "goal_tolerences": []}, "goal_tolerences is no field"),
     ],
@@ -187,7 +188,7 @@ def test_messages_that_hold_a_trajectory(tmp_path: Path, message: dict[str, Any]
 def test_fields_that_a_check_cannot_keep(tmp_path: Path, message: Any, path: str) -> None:
     file = tmp_path / "a.json"
     file.write_text(json.dumps(message))
-    with pytest.raises(mo.InputError, match=rf"^a.json: {path}"):
+    with refused(f"a.json: {path}"):
         read_rows(file, arm(["waist", "elbow"]))
 
 
@@ -207,11 +208,11 @@ def test_marks_of_a_message_are_beside_it(tmp_path):
     motion.export(path, robot=robot)  # without a profile a file has no marks
     assert not beside.exists()
     motion.export(path, profile="ros2_jtc_quintic@50", robot=robot)
-    for text, sentence in (
-        ('{"of": "0", "marks": []}', "marks of another file"),
-        ("[]", "a list of marks"),
-        ("{", "no JSON"),
+    for text, said in (
+        ('{"of": "0", "marks": []}', ("another file", "a.json: remove")),
+        ("[]", ("list", "marks")),
+        ("{", ("no JSON",)),
     ):
         beside.write_text(text)
-        with pytest.raises(mo.InputError, match=rf"a\.marks\.json: it .*{sentence}"):
+        with refused("a.marks.json: ", *said):
             mo.execution.read_rows(path, robot)

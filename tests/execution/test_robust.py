@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
-from helpers import any_robot
+from helpers import any_robot, refused
 from microbot_ocp.limits import LimitFamily, MotionSamples
 from planning.shared import slider
 
@@ -112,7 +112,7 @@ def test_boxes_are_arguments_as_well():
         kept = mo.time_optimal(rail, via_q, **given, reserve=0.19, **few)
         assert kept.duration == pytest.approx(shortest(3.1) / 0.9, rel=1e-3)
         assert mo.certify(rail, kept, limits.with_reserve(0.19)).ok
-    with pytest.raises(mo.InputError, match="uncertain must be one of mass, friction, not 'inert"):
+    with refused("uncertain", "mass, friction", "'inertia'"):
         mo.time_optimal(rail, via_q, uncertain={"inertia": 0.1})
 
 
@@ -127,21 +127,21 @@ def test_what_the_arm_carries_between_stops_counts():
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("change", "said"),
     [
-        ({"mass": -0.1}, "mass must be at least 0"),
-        ({"friction": 1.5}, "friction must be at most 1"),
-        ({"payload": (2.0, 1.0)}, r"payload must be \(least, largest\) in kg"),
+        ({"mass": -0.1}, ("mass", "at least 0", "-0.1")),
+        ({"friction": 1.5}, ("friction", "at most 1", "1.5")),
+        ({"payload": (2.0, 1.0)}, ("payload", "(least, largest)", "kg", "(2.0, 1.0)")),
     ],
 )
-def test_what_is_no_box(microbot, change, message):
-    with pytest.raises(mo.InputError, match=message):
+def test_what_is_no_box(microbot, change, said):
+    with refused(*said):
         mo.execution.robust_limits(microbot, **change)
 
 
 def test_without_masses_or_torques():
-    with pytest.raises(mo.InputError, match="has no limits of torques"):
+    with refused("'microbot'", "limits of torques", "tau_max"):
         mo.execution.robust_limits(any_robot("microbot").with_limits(tau_max=np.inf))
     bare = mo.Robot.from_dh([0.0], [0.0], [0.0])
-    with pytest.raises(mo.InputError, match="has no masses"):
+    with refused("'robot'", "no masses"):
         mo.execution.robust_limits(bare)

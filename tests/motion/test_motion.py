@@ -17,7 +17,6 @@ from numpy.polynomial import Polynomial
 
 import microbot_ocp as mo
 from helpers import batch, refused, tells
-from microbot_ocp import InputError
 from microbot_ocp._base.outcome import SOLVED, Advice, Outcome
 from microbot_ocp.motion import (
     JUMP_GAP,
