@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
+from helpers import tells
 from microbot_ocp.planning.search._chatter import chatter
 
 DURATION = 1.2
@@ -28,8 +29,7 @@ def test_a_torque_that_swings_is_told_with_the_price_of_the_remedy(microbot, fre
     assert row.amount == pytest.approx(100 * share)
     times = int(row.sentence.split(" times")[0].split()[-1])
     assert times == pytest.approx(2 * frequency * 0.3, abs=1.01)
-    assert "slack=0.001" in row.sentence
-    assert f"({DURATION:.1f} ms)" in row.sentence
+    tells(row.sentence, "slack=0.001", f"{DURATION:.1f} ms")
     (row,) = chatter(microbot, moved(microbot, frequency, share), calmer=True)
     assert "slack" not in row.sentence
 

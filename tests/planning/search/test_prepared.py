@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
+from helpers import refused
 from microbot_ocp._base import codegen
 from planning.shared import VIA_Q, arm, pendulum, slider
 
@@ -102,22 +103,33 @@ def test_what_cannot_be_done_is_not_called_solved():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"payload": -1.0}, "mass of the payload"),
-        ({"payload": float("nan")}, "mass of the payload"),
-        ({"payload": 3.5}, "via point 1 cannot be held at rest: joint 'elbow' needs 215.6 N m"),
-        ({"limits": mo.Limits(qd_max=2.0, taud_max=50.0)}, "limits bound taud, but the solver"),
-        ({"limits": mo.Limits(q_max=1.0, qd_max=2.0)}, "via point 3 is outside"),
-        ({"limits": mo.Limits()}, "without any bound"),
+        ({"payload": -1.0}, ("mass", "payload", "0 kg", "-1.0")),
+        ({"payload": float("nan")}, ("mass", "payload", "finite", "nan")),
+        ({"payload": 3.5}, ("via point 1", "at rest", "'elbow'", "215.6 N m")),
+        ({"limits": mo.Limits(qd_max=2.0, taud_max=50.0)}, ("limits", "taud")),
+        (
+            {"limits": mo.Limits(q_max=1.0, qd_max=2.0)},
+            ("via point 3", "position limits", "57.2958 deg"),
+        ),
+        ({"limits": mo.Limits()}, ("limits", "'waist'", "velocity")),
     ],
 )
 def test_bad_numbers_are_refused_before_any_solve(prepared, no_solver, arguments, message):
-    with pytest.raises(mo.InputError, match=message):
+    with refused(*message):
         prepared(**arguments)
 
 
-@pytest.mark.parametrize("setting", [{"mesh": 2}, {"starts": 0}, {"rounds": -1}, {"mesh": 10.5}])
-def test_bad_settings_are_refused(microbot, no_solver, setting):
-    with pytest.raises(mo.InputError, match=next(iter(setting))):
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [
+        ({"mesh": 2}, ("4 intervals", "not 2")),
+        ({"starts": 0}, ("1, not 0",)),
+        ({"rounds": -1}, ("0, not -1",)),
+        ({"mesh": 10.5}, ("whole number", "10.5")),
+    ],
+)
+def test_bad_settings_are_refused(microbot, no_solver, setting, said):
+    with refused(*setting, *said):
         mo.TimeOptimalSolver(microbot, VIA_Q, **setting)
 
 
@@ -129,7 +141,7 @@ def test_other_via_points_are_numbers_of_the_same_solver(microbot, prepared):
     assert first.solved
     assert np.array_equal(first.q, again.q)
     assert mo.certify(microbot.with_payload(1.0), first, via_q=via_q).ok
-    with pytest.raises(mo.InputError, match="must have 3 points"):
+    with refused("via_q", "3 points", "2"):
         prepared(via_q=via_q[:2])
 
 
@@ -176,7 +188,7 @@ def test_an_arm_without_masses_is_prepared_as_well():
     assert motion.sensitivities(arm).upper["qdd"][1] < -0.03
     on = solver(via_q=[[0.0, 0.0], [0.5, 0.6]], start=motion.sample([0.1]))
     assert mo.certify(arm, on).ok
-    with pytest.raises(mo.InputError, match="no links with masses to add a payload to"):
+    with refused("payload", "masses"):
         solver(payload=1.0)
 
 
@@ -198,11 +210,11 @@ def test_a_rail_with_dry_friction_that_has_to_turn_back_keeps_its_force(speed):
 
 def test_a_start_beyond_the_limits_is_refused(microbot, prepared):
     still = np.zeros(3)
-    with pytest.raises(mo.InputError, match=r"start is beyond a limit: velocity of .*% over"):
+    with refused("start", "velocity", "%"):
         prepared(start=(still, 1.1 * microbot.limits.qd_max))
-    with pytest.raises(mo.InputError, match="start must be"):
+    with refused("start", "q", "qd"):
         prepared(start=(still,))
-    with pytest.raises(mo.InputError, match="start is at via point 2 already: move that a little"):
+    with refused("start", "via point 2"):
         prepared(start=(prepared.via_q[1], 0.1 * microbot.limits.qd_max))
     for over in (1e-4, 4e-3):  # what a certificate lets pass is no fault of the motion
         edge = prepared(start=(still, (1.0 + over) * microbot.limits.qd_max * [1, 0, 0]))
@@ -220,7 +232,7 @@ def test_on_a_coarse_mesh_a_motion_from_a_moving_start_keeps_its_limits(microbot
     state = under_way.sample([0.1 * under_way.duration])
     motion = solver(start=state)
     assert motion.solved, motion.note
-    assert motion.remark.startswith("slowed down at limits") == slowed
+    assert ("slowed down" in motion.remark) == slowed
     assert mo.certify(microbot, motion, limit_tolerance=6e-4).ok
     np.testing.assert_allclose([motion.q[0], motion.qd[0]], [state.q[0], state.qd[0]], atol=1e-6)
 

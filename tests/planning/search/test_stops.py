@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
+from helpers import refused, tells
 from microbot_ocp._base import deadline
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.planning.free import slowed_together
@@ -78,9 +79,9 @@ def test_a_cycle_with_a_load_one_way_takes_the_closed_form(rail):
     assert motion.marks[1].time == pytest.approx(0.2 + loaded, rel=1e-3)
     assert mo.certify(rail, motion, via_q=stops, cycle=True).ok
     heavier = [stops[0], Stop(q=[1.0], payload=0.5, name="b")]
-    refused = mo.certify(rail, motion, via_q=heavier, cycle=True)
-    assert not refused.ok
-    assert "stored torque" in refused.verdict
+    certificate = mo.certify(rail, motion, via_q=heavier, cycle=True)
+    assert not certificate.ok
+    tells(certificate.verdict, "stored torque")
 
 
 def test_a_velocity_that_is_asked_for_is_the_velocity(rail):
@@ -104,7 +105,7 @@ def test_an_arm_that_moves_already_goes_on_with_its_acceleration():
     np.testing.assert_allclose(rest.qdd[0], qdd, atol=1e-5)
     assert mo.certify(rail, rest, via_q=stops).ok
     jumping = mo.certify(rail, rest, via_q=[replace(stops[0], acceleration=-qdd), stops[1]])
-    assert "missed in its acceleration" in jumping.verdict
+    tells(jumping.verdict, "missed", "acceleration", "stop 1")
 
 
 def test_the_best_order_is_found_and_bounds_leave_others_out(rail):
@@ -125,7 +126,7 @@ def test_orders_that_coarse_answers_cannot_tell_apart_are_all_refined(rail):
     rows = motion.provenance["orders"]
     assert [row["status"] for row in rows] == ["solved", "solved"]
     assert rows[0]["duration"] == motion.duration <= rows[1]["duration"]
-    assert "2 solved on a coarse mesh, 2 of them refined" in motion.note
+    tells(motion.note, "2 solved", "2 of them")
 
 
 @pytest.mark.thorough
@@ -170,7 +171,7 @@ def test_least_effort_in_a_given_time_takes_it_all(rail):
     assert motion.tau[0, 0] == pytest.approx(2.0 * 6.0 / 4.0, rel=1e-2)
     late = mo.time_optimal(rail, [[0.0], [1.0]], duration=1.0, **QUICK)
     assert late.status is mo.Status.INFEASIBLE
-    assert "cannot be done in 1 s" in late.advice
+    tells(late.advice, "1 s")
 
 
 def test_a_tool_line_is_followed_and_certified(two_links, cut):
@@ -205,7 +206,7 @@ def test_conditions_that_no_joint_changes_are_left_out(two_links):
     rows = task_of(two_links, [[0.0, 0.5], middle, [0.5, 0.9]]).conditions.ends[1].rows
     assert [row.bounds[0].size for row in rows] == [2, 2]
     up = replace(middle, velocity=[0.0, 0.0, 0.1])
-    with pytest.raises(mo.InputError, match="velocity of the tool of stop 'b' is off"):
+    with refused("velocity", "tool", "stop 'b'", "0.1"):
         mo.time_optimal(two_links, [[0.0, 0.5], up, [0.5, 0.9]], **QUICK)
 
 
@@ -218,7 +219,7 @@ def test_an_orientation_within_its_tolerance_is_within_reach(two_links):
     loose = Stop(**there, orientation_tolerance=0.2)
     motion = mo.time_optimal(two_links, [[0.0, 0.5], loose], **options)
     assert motion.solved
-    with pytest.raises(mo.InputError, match=r"missed by 2\.86 deg"):
+    with refused("stop 'there'", "2.86 deg"):
         mo.time_optimal(two_links, [[0.0, 0.5], replace(loose, orientation_tolerance=0.05)])
 
 
@@ -311,24 +312,32 @@ def test_a_straight_corner_is_passed_and_a_bent_one_is_cut(two_links):
 @pytest.mark.parametrize(
     ("stops", "options", "said"),
     [
-        ([Stop(position=[3, 0, 0], name="far"), [0, 0]], {}, "'far' is out of reach by 1.2 m"),
+        ([Stop(position=[3, 0, 0], name="far"), [0, 0]], {}, ("stop 'far'", "1.2 m")),
         (
             [Stop(position=[1.2, -0.5, 0.0], name="a"), Stop(position=[2.0, 0.5, 0.0], name="b")],
             {"segments": [mo.Line()]},
-            "stop 'b' is out of reach",
+            ("stop 'b'", "262 mm"),
         ),
         (
             [Stop(position=[0.1, 1.0, 0.0], name="a"), Stop(position=[0.1, -1.0, 0.0], name="b")],
             {"segments": [mo.Line()]},
-            "'a' to stop 'b' not reachable from 0.",
+            ("tool line", "stop 'a'", "stop 'b'", "0.38", "46.2 mm"),
         ),
-        ([[0.0, 0.0], [0.0, 0.0]], {"cycle": True}, "are at the same place"),
+        (
+            [[0.0, 0.0], [0.0, 0.0]],
+            {"cycle": True},
+            ("'stop 1' and 'stop 2'", "same place", "cycle"),
+        ),
         (
             [Stop(position=[1.2, -0.5, 0.0], payload=9.0, name="a"), [-np.pi / 2, 0.0]],
             {},
-            "stop 'a' with 9 kg cannot be held at rest",
+            ("stop 'a'", "9 kg", "at rest", "'joint 1'", "-60 to 60 N m"),
         ),
-        ([[0.0, 1.0], Stop(q=[0.0, 0.0], velocity=[9.0, 0.0])], {}, "at 9, allowed -3 to 3 rad/s"),
+        (
+            [[0.0, 1.0], Stop(q=[0.0, 0.0], velocity=[9.0, 0.0])],
+            {},
+            ("velocity", "'stop 2'", "'joint 1'", "9,", "-3 to 3 rad/s"),
+        ),
         (
             [
                 Stop(position=[1.2, -0.5, 0.0]),
@@ -336,83 +345,85 @@ def test_a_straight_corner_is_passed_and_a_bent_one_is_cut(two_links):
                 Stop(position=[1.2, -0.4, 0.0]),
             ],
             {"segments": [mo.Line()] * 2},
-            "corner 'b' go there and back",
+            ("corner 'b'", "blend"),
         ),
         (
             [Stop(q=[0.0, 1.0], payload=1.0, name="a"), [0.0, 0.0]],
             {"cycle": True},
-            "stop 'a' picks 1 kg in every cycle, but no stop puts them down",
+            ("stop 'a'", "1 kg", "cycle", "payload 0"),
         ),
-        ([[0.0, 0.0], [1.0, 0.0]], {"segments": []}, "segments must have 1 entries, one between"),
+        ([[0.0, 0.0], [1.0, 0.0]], {"segments": []}, ("segments", "1 entries", "not 0")),
         (
             [Stop(position=[1.2, 0.5, 0.0], name="a"), Stop(position=[1.2, 0.5, 0.0], name="b")],
             {"segments": [mo.Circle(through=[1.0, 0.0, 0.0])]},
-            "tool circle from stop 'a' to stop 'b': through must be two points",
+            ("tool circle", "stop 'a'", "stop 'b'", "through", "two points"),
         ),
         (
             [Stop(position=[1.2, 0.5, 0.0], name="a"), [0.0, 0.0]],
             {"segments": [mo.JointLine()]},
-            "joint line from stop 'a' to stop 'stop 2': it needs a joint pose",
+            ("joint line", "stop 'a'", "'stop 2'", "q,"),
         ),
-        ([[0.0, 0.0], [1.0, 0.0]], {"order": "any"}, "order must be one of"),
+        ([[0.0, 0.0], [1.0, 0.0]], {"order": "any"}, ("order", "given, free", "'any'")),
         (
             [Stop(position=[1.2, -0.5, 0.0], tolerance=5.0, name="a"), [0.0, 0.0]],
             {},
-            "tolerance of stop 'a' is 5 m, more than a tenth of what the arm reaches",
+            ("tolerance", "stop 'a'", "5 m", "tenth", "1.8 m"),
         ),
         (
             [Stop(position=[1.2, -0.5, 0.0], tolerance=[5.0, 0.1, 0.1], name="a"), [0.0, 0.0]],
             {},
-            "tolerance of stop 'a' is 5 m, more than the arm reaches",
+            ("tolerance", "stop 'a'", "5 m", "1.8 m"),
         ),
         (
             [Stop(position=[1.2, -0.5, 0.0], payload=1e6, name="a"), [0.0, 0.0]],
             {},
-            "payload of stop 'a' is 1e+06 kg, more than 1000 times what the arm weighs",
+            ("payload", "stop 'a'", "1e+06 kg", "1000 times", "2 kg"),
         ),
         (
             [Stop(q=[1.0, 0.5], tolerance=[7.0, 0.1], name="a"), [0.0, 0.0]],
             {},
-            "tolerance of stop 'a' is 7 rad, more than a whole turn",
+            ("tolerance", "stop 'a'", "7 rad", "whole turn"),
         ),
         (
             [[0.0, 1.0], Stop(position=[1.2, 0.0, 0.0], velocity=[90, 0, 0]), [0.0, 0.0]],
             {},
-            "is 90 m/s, more than all joints at their limits can give the tool",
+            ("velocity", "'stop 2'", "90 m/s", "7.8 m/s"),
         ),
         (
             [[0.0, 1.0], Stop(position=[1.2, 0.0, 0.0], velocity=[6, 0, 0]), [0.0, 0.0]],
             {},
-            "allow the tool at most 1.98 m/s in that direction, not 6 m/s",
+            ("'stop 2'", "1.98 m/s", "not 6 m/s"),
         ),
-        ([[0.0, 0.0], [1.0, 0.0]], {"duration": 0.1}, "at least the 0.3333 s that the velocity"),
-        ([[0.0, 0.0]], {"cycle": True}, "a cycle needs at least two stops"),
+        ([[0.0, 0.0], [1.0, 0.0]], {"duration": 0.1}, ("duration", "0.3333 s", "not 0.1 s")),
+        ([[0.0, 0.0]], {"cycle": True}, ("cycle", "two stops")),
     ],
 )
 def test_what_cannot_be_is_said_in_words_of_the_task(two_links, stops, options, said):
-    with pytest.raises(mo.InputError) as problem:
+    with refused(*said):
         mo.time_optimal(two_links, stops, **options, **QUICK)
-    assert said in str(problem.value)
 
 
 @pytest.mark.parametrize(
     ("keys", "said"),
     [
-        ({}, "a q or a position, not neither"),
-        ({"q": [0.0], "dwell": 1.0, "velocity": "any"}, "so it is at rest"),
-        ({"position": [0, 0, 0], "free_turn": "z"}, "no orientation"),
-        ({"position": [0, 0, 0], "orientation": np.ones((3, 3))}, "must be a rotation"),
-        ({"q": [0.0], "tolerance": -1.0}, "at least 0"),
+        ({}, ("q", "position", "neither")),
+        ({"q": [0.0], "dwell": 1.0, "velocity": "any"}, ("dwell", "1 s", "at rest")),
+        ({"position": [0, 0, 0], "free_turn": "z"}, ("orientation", "turn")),
+        (
+            {"position": [0, 0, 0], "orientation": np.ones((3, 3))},
+            ("orientation", "rotation", "0.001", "mirrors"),
+        ),
+        ({"q": [0.0], "tolerance": -1.0}, ("tolerance", "0,", "not -1.0")),
         (
             {"q": [0.0], "tolerance": [[0.0], "a"]},
-            "of a stop must be an array of numbers",
+            ("tolerance", "array of numbers", "[[0.0], 'a']"),
         ),
-        ({"q": [0.0], "payload": -1.0}, "mass of the payload"),
-        ({"q": [0.0], "dwell": 1e9}, "at most 86400 s"),
+        ({"q": [0.0], "payload": -1.0}, ("mass", "payload", "0 kg", "-1.0")),
+        ({"q": [0.0], "dwell": 1e9}, ("dwell", "86400 s", "1000000000.0")),
     ],
 )
 def test_a_stop_that_says_nothing_sensible_is_refused(keys, said):
-    with pytest.raises(mo.InputError, match=said):
+    with refused(*said):
         Stop(**keys)
 
 
@@ -447,7 +458,7 @@ def test_a_front_of_torque_takes_the_closed_form_until_the_arm_cannot_be_held(ra
     options = {"mesh": 10, "starts": 1, "compiled": False}
     front = mo.tasks.time_torque_front(robot, via_q, shares=(0.5, 0.2), **options)
     assert len(front.points) == 2
-    assert "needs 4.905 N m against gravity" in front.ended
+    tells(front.ended, "4.905 N m", "'joint 1'")
 
 
 @pytest.mark.parametrize(
@@ -489,7 +500,7 @@ def test_without_time_for_a_search_segments_go_from_rest_to_rest(rail):
     with deadline.within(60.0):
         known = problem_of(task, settings).fallback
     assert known is not None
-    assert "rests at every stop" in known.made_from
+    tells(known.made_from, "rests", "every stop")
     motion = known.motion
     assert motion.duration == pytest.approx(2 * np.sqrt(0.5 / 2.0) + 0.3 + 2.0, rel=1e-3)
     assert mo.certify(rail, motion, via_q=stops).ok
@@ -533,10 +544,10 @@ def test_an_arm_in_motion_may_end_in_motion_near_by(microbot, way, end, duration
 
 
 def test_an_arm_that_need_not_move_is_refused(microbot):
-    with pytest.raises(mo.InputError, match="at the same place"):
+    with refused("'stop 1' and 'stop 2'", "same place"):
         mo.time_optimal(microbot, [mo.Stop(q=PLACE, velocity=VELOCITY)] * 2)
     stops = [mo.Stop(q=PLACE, velocity=VELOCITY), mo.Stop(q=PLACE), mo.Stop(q=PLACE + 0.1)]
-    with pytest.raises(mo.InputError, match="at the same place"):
+    with refused("'stop 1' and 'stop 2'", "same place"):
         mo.time_optimal(microbot, stops)
 
 
