@@ -44,10 +44,12 @@ def refused(
 
 
 @contextmanager
-def warned(*parts: object, category: type[Warning] = UserWarning) -> Iterator[None]:
+def warned(
+    *parts: object, category: type[Warning] = UserWarning
+) -> Iterator[pytest.WarningsRecorder]:
     """Require a warning whose message holds these names, values, units and allowed values."""
     with pytest.warns(category) as caught:
-        yield
+        yield caught
     messages = [str(one.message) for one in caught if issubclass(one.category, category)]
     assert any(not missing_in(text, parts) for text in messages), f"{parts} in none of {messages}"
 

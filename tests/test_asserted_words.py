@@ -56,6 +56,9 @@ def tables(function: ast.AST) -> Iterator[tuple[list[str], ast.expr]]:
             yield names, node.args[1]
         elif isinstance(node, ast.For | ast.comprehension):
             yield [n.id for n in ast.walk(node.target) if isinstance(n, ast.Name)], node.iter
+        elif isinstance(node, ast.Assign) and isinstance(node.value, ast.Subscript):
+            targets = ast.walk(node.targets[0])
+            yield [n.id for n in targets if isinstance(n, ast.Name)], node.value.value
 
 
 def column(table: ast.expr, index: int, width: int) -> Iterator[ast.expr]:
@@ -72,9 +75,9 @@ def sentences(text: str) -> Iterator[str]:
     """Yield each text of a test module that asserts four plain words in a row, with its line."""
     tree = ast.parse(text)
     constants = {
-        ast.unparse(node.targets[0]): node.value
+        ast.unparse(node.target if isinstance(node, ast.AnnAssign) else node.targets[0]): node.value
         for node in tree.body
-        if isinstance(node, ast.Assign)
+        if isinstance(node, ast.Assign | ast.AnnAssign) and node.value
     }
     found: list[ast.AST] = list(asserted(tree))
     for function in ast.walk(tree):
@@ -111,6 +114,7 @@ def test_no_sentence_of_a_message_is_asserted(path: Path) -> None:
             "A = [(1, 'mass must be finite')]\n@parametrize('x, s', A)\ndef f(x, s): tells(x, s)",
             1,
         ),
+        ("A = {1: (2, 'mass must be finite')}\ndef f(k): _, s = A[k]; tells('', s)", 1),
         ("@parametrize('x', ['a b', 'to be or not'])\ndef f(x): assert x", 0),
     ],
 )

@@ -17,6 +17,7 @@ import pytest
 import microbot_ocp
 import microbot_ocp.ocp
 import microbot_ocp.planning
+from helpers import refused
 
 PACKAGE = Path(microbot_ocp.__file__).parent
 ROOT = Path(__file__).resolve().parent.parent
@@ -384,5 +385,5 @@ def test_the_rule_for_public_names_itself() -> None:
 
 
 def test_a_name_that_is_not_there() -> None:
-    with pytest.raises(AttributeError, match="microbot_ocp has no 'nothing'"):
+    with refused("microbot_ocp", "'nothing'", error=AttributeError):
         _ = microbot_ocp.nothing

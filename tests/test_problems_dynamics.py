@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from helpers import sampled
+from helpers import sampled, tells
 
 pytestmark = pytest.mark.slow
 
@@ -22,12 +22,12 @@ SCRIPTS = {
         "G2 = 117.6 cos(q2) + 78.4 cos(q2 + q3)",
         # t = 0: gravity along Z, along Y, off
         "235.6194 2058.5851 1059.9022 294.4194 1861.1922 1004.4650 235.6194 1975.4294 1059.9022",
-        "the waist's peak is 520.39 N m",
+        "520.39 N m",
     ],
     "04b_forward_dynamics.py": [
         "Euler, step 0.05 s 25.2826 179.9434 -198.7090",
-        "the report's Euler loop -36536.6580",
-        "why the report differs",
+        "Euler loop -36536.6580",
+        "the report differs",
     ],
     "05_baselines.py": [
         "cubic qd 10.000 40.000 20.000 jump -3.054 -0.436 0.960",
@@ -46,8 +46,8 @@ SCRIPTS = {
     ],
     "07_time_optimal.py": [
         "cubic, textbook velocities 2.512 1.211",
-        "cubic, best times and velocities 2.074 1.000",
-        "Ratio: to cubic, best times and velocities.",
+        "times and velocities 2.074 1.000",
+        "Ratio: to cubic",
         "time-optimal, free: Passed",
     ],
 }
@@ -130,7 +130,7 @@ def test_bad_input_ends_with_2_and_one_line(script, tmp_path):
 def test_a_bad_gain_and_a_bad_folder(tmp_path):
     done = run("06_computed_torque.py", "--out", str(tmp_path), "--kp", "-1")
     assert done.returncode == 2
-    assert "kp must be above 0" in done.stderr
+    tells(done.stderr, "kp", "above 0", "-1.0")
     taken = tmp_path / "taken"
     taken.write_text("a file")
     done = run("05_baselines.py", "--out", str(taken))

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from helpers import sampled_rows
+from helpers import sampled_rows, tells
 
 pytestmark = pytest.mark.slow
 
@@ -43,7 +43,7 @@ def test_forward_kinematics_of_the_report() -> None:
     assert "frame 4 in base [ 0.9443 -0.0916 0.3162 3.0000 ] [ -0.3148 0.0305 0.9487" in text
     assert "frame 3 in frame 2 [ -0.3646 -0.9312 0.0000 3.0000 ]" in text
     assert "tool: Px = 3.0000 Py = -1.0000 Pz = 4.5000 m" in text
-    assert "report: entry (2,2) of frame 3 in base is printed as -0.0305" in text
+    tells(text, "report: entry (2,2)", "frame 3 in base", "-0.0305")
 
 
 def test_forward_kinematics_of_the_listing() -> None:
@@ -100,20 +100,19 @@ def test_four_branches_of_the_report() -> None:
 
 def test_position_out_of_reach_is_told() -> None:
     text = words(INVERSE, "--position", "-9,0,2")
-    assert "out of reach: " in text
-    assert "The target is missed by 2 m." in text
+    tells(text, "out of reach", "2 m")
 
 
 def test_branch_nearest_to_a_seed() -> None:
     text = words(INVERSE, "--seed-deg", "-20,-30,100")
-    assert "nearest to the seed [deg] -18.4349 -29.1863 111.3819 solved" in text
+    assert "seed [deg] -18.4349 -29.1863 111.3819 solved" in text
 
 
 @pytest.mark.thorough
 def test_branches_where_they_are_a_continuum() -> None:
     text = words(INVERSE, "--position", "0,0,5")
     assert "2 branches by Gauss-Newton, " in text
-    assert "points of the continuum" in text
+    assert "continuum" in text
 
 
 def test_velocities_of_the_report() -> None:
@@ -137,30 +136,30 @@ def test_velocities_of_another_state_stand_alone() -> None:
 
 
 @pytest.mark.parametrize(
-    ("script", "arguments", "message"),
+    ("script", "arguments", "said"),
     sampled_rows(
         [
-            (FORWARD, ["--a", "1,2"], "give all of --alpha-deg, --a, --d and --theta-deg"),
-            (FORWARD, [*MICROBOT, "--theta-deg", "0,x,0,0"], "theta_deg must be numbers, not 'x'"),
-            (FORWARD, [*MICROBOT, "--theta-deg", "0,0,0"], "columns differ in length"),
-            (FORWARD, [*MICROBOT, "--theta-deg", "0,nan,0,0"], "theta_deg must be finite"),
-            (INVERSE, ["--position", "1,2"], "position must be 3 finite numbers, not 1,2"),
-            (INVERSE, ["--position", "1,2,up"], "position must be numbers"),
-            (INVERSE, ["--seed-deg", "1"], "seed-deg must be 3 finite numbers, not 1"),
-            (INVERSE, ["--robot", "nowhere"], "nowhere"),
-            (VELOCITY, ["--theta-deg", "1,2"], "theta_deg must be 3 finite numbers"),
-            (VELOCITY, ["--force", "0,0,inf"], "force must be 3 finite numbers"),
+            (FORWARD, ["--a", "1,2"], ("--alpha-deg, --a, --d", "--theta-deg")),
+            (FORWARD, [*MICROBOT, "--theta-deg", "0,x,0,0"], ("theta_deg", "numbers", "'x'")),
+            (FORWARD, [*MICROBOT, "--theta-deg", "0,0,0"], ("columns", "length")),
+            (FORWARD, [*MICROBOT, "--theta-deg", "0,nan,0,0"], ("theta_deg", "finite", "nan")),
+            (INVERSE, ["--position", "1,2"], ("position", "3 finite", "1,2")),
+            (INVERSE, ["--position", "1,2,up"], ("position", "numbers", "'1,2,up'")),
+            (INVERSE, ["--seed-deg", "1"], ("seed-deg", "3 finite", "not 1")),
+            (INVERSE, ["--robot", "nowhere"], ("robot", "'nowhere'")),
+            (VELOCITY, ["--theta-deg", "1,2"], ("theta_deg", "3 finite", "1,2")),
+            (VELOCITY, ["--force", "0,0,inf"], ("force", "3 finite", "0,0,inf")),
         ],
         3,
     ),
 )
 def test_bad_input_is_one_line_and_exit_code_2(
-    script: str, arguments: list[str], message: str
+    script: str, arguments: list[str], said: tuple[str, ...]
 ) -> None:
     done = run(script, *arguments)
     assert done.returncode == 2
     assert done.stderr.startswith("error: ")
-    assert message in done.stderr
+    tells(done.stderr, *said)
     assert len(done.stderr.strip().split("\n")) == 1
     assert done.stdout == ""
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
+from helpers import refused, warned
 from microbot_ocp._base.system import FORKS
 from microbot_ocp.cli import main
 
@@ -159,9 +160,8 @@ MOTION = mo.Motion.from_polynomial(ROBOT, mo.quintic([[0, 0, 0], [0.5, 0.5, 0.5]
     ],
 )
 def test_words_of_other_tools(call, kind, ours):
-    with pytest.raises(kind) as caught:
+    with refused(ours, error=kind):
         call()
-    assert ours in str(caught.value)
 
 
 def test_angles_of_a_table_in_degrees_are_refused_with_their_conversion():
@@ -171,7 +171,7 @@ def test_angles_of_a_table_in_degrees_are_refused_with_their_conversion():
         ("theta_offset", [0, 0, 45]),
     ):
         rows = {"alpha": [0, 0, 0], "a": [0, 1, 1], "d": [0, 0, 0], key: angles}
-        with pytest.raises(mo.InputError, match=rf"{key} must be within a turn.*np\.radians"):
+        with refused(key, "a turn", "in rad", "np.radians"):
             mo.Robot.from_dh(**rows)
     assert mo.Robot.from_dh([0, 2 * np.pi], [0, 1], [0, 0], convention="modified").joint_count == 2
 
@@ -180,14 +180,14 @@ def test_angles_of_a_table_in_degrees_are_refused_with_their_conversion():
 def test_a_stop_in_millimetres(position):
     robot = mo.load_robot("microbot")
     stops = [mo.Stop(q=[0, 0, 0]), mo.Stop(position=position)]
-    with pytest.raises(mo.InputError, match=r"out of reach.*millimetres: positions are in m"):
+    with refused("'stop 2'", "out of reach", "millimetres"):
         mo.time_optimal(robot, stops)
 
 
 def test_results_are_saved_into_folders(tmp_path):
     comparison = mo.compare(mo.load_robot("planar_2r"), [[0, 0], [1, 1]], ["cubic"])
     for name in ("x.pdf", "x.png", "x.npz"):
-        with pytest.raises(mo.InputError, match=rf"{name}' must be a folder.*savefig"):
+        with refused(f"{name}'", "a folder", "savefig"):
             comparison.save(tmp_path / name)
     assert comparison.save(tmp_path / "results.v2", outputs=["json"])
 
@@ -200,12 +200,12 @@ def test_rotations_of_few_digits_are_made_exact_and_others_refused_by_their_dist
     exact = mo.robot.rotation_of([0.3, 0.2, 0.1])
     robot = mo.load_robot("ur5e")
     for digits in (3, 4, 5):
-        with pytest.warns(UserWarning, match="nearest rotation"):
+        with warned("orientation", "nearest rotation"):
             stop = mo.Stop(position=[0.3, 0.3, 0.3], orientation=exact.round(digits))
         taken = np.array(stop.orientation)
         np.testing.assert_allclose(taken @ taken.T, np.eye(3), atol=1e-14)
         np.testing.assert_allclose(taken, exact, atol=10.0**-digits)
-        with pytest.warns(UserWarning, match="nearest rotation"):
+        with warned("orientation", "nearest rotation"):
             assert mo.solve_ik(robot, [0.3, 0.3, 0.3], exact.round(digits)).solved
     off = exact.round(1)
     for call in (
@@ -213,8 +213,8 @@ def test_rotations_of_few_digits_are_made_exact_and_others_refused_by_their_dist
         lambda turn: mo.solve_ik(robot, [0.3, 0.3, 0.3], turn),
         lambda turn: mo.Box([1, 1, 1], np.block([[turn, np.zeros((3, 1))], [0, 0, 0, 1]])),
     ):
-        with pytest.raises(mo.InputError, match=r"0\.\d+ off the identity.*nearest_rotation"):
+        with refused("0.1 off", "mo.robot.nearest_rotation"):
             call(off)
-        with pytest.raises(mo.InputError, match="mirrors"):
+        with refused("rotation", "mirrors"):
             call(-exact)
         call(mo.robot.nearest_rotation(off))

@@ -21,7 +21,7 @@ from microbot_ocp.sweeps import load_sweep, read_study
 XACRO = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">{inside}
 <link name="a"/><link name="b"/><joint name="j" type="continuous"><parent link="a"/>
 <child link="b"/><axis xyz="0 0 1"/></joint></robot>"""
-MORE_TIME, MORE_BYTES = "it takes more than 10 s", "it takes more than 500,000,000 bytes"
+MORE_TIME, MORE_BYTES = "more than 10 s", "more than 500,000,000 bytes"
 
 
 def refused(read, *given) -> str:
