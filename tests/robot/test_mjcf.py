@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
-from microbot_ocp import InputError
+from helpers import refused, warned
 from microbot_ocp.tasks import read_task
 
 mujoco = pytest.importorskip("mujoco")
@@ -129,13 +129,13 @@ def test_a_gripper_and_what_lies_about_are_not_part_of_the_arm(tmp_path: Path) -
 
 def test_damping_that_stands_for_a_controller_is_warned_of(tmp_path: Path) -> None:
     text = ODD.replace('damping="0.4"', 'damping="45"')
-    with pytest.warns(mo.robot.RobotFileWarning, match=r"'b' \(45 N m s/rad of 40 N m\)"):
+    with warned("arm.xml", "'b' (45 N m s/rad of 40 N m)", category=mo.robot.RobotFileWarning):
         mo.robot.load_mjcf(written(tmp_path, text))
 
 
 def test_gravity_that_is_switched_off_is_off_and_a_fluid_is_warned_of(tmp_path: Path) -> None:
     text = ODD.replace("/><default>", ' density="1000"><flag gravity="disable"/></option><default>')
-    with pytest.warns(mo.robot.RobotFileWarning, match="air or water"):
+    with warned("arm.xml", "air or water", category=mo.robot.RobotFileWarning):
         robot = mo.load_robot(written(tmp_path, text))
     assert np.array_equal(robot.gravity, np.zeros(3))
 
@@ -143,15 +143,18 @@ def test_gravity_that_is_switched_off_is_off_and_a_fluid_is_warned_of(tmp_path: 
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("<mujoco><worldbody><nonsense/></worldbody></mujoco>", "MuJoCo cannot read it:.*nonsense"),
-        ("<mujoco><worldbody/></mujoco>", "no moving joint"),
-        (GRIPPER.replace("<equality>", "<!--").replace("</equality>", "-->"), "choose an end by"),
+        ("<mujoco><worldbody><nonsense/></worldbody></mujoco>", ("MuJoCo", "'nonsense'", "line 1")),
+        ("<mujoco><worldbody/></mujoco>", ("moving joint", "no arm")),
+        (
+            GRIPPER.replace("<equality>", "<!--").replace("</equality>", "-->"),
+            ("link 'hand'", "'f1', 'f2'", "tip", "'left' (3)"),
+        ),
     ],
 )
-def test_what_is_no_arm_says_so(tmp_path: Path, text: str, says: str) -> None:
-    with pytest.raises(InputError, match=rf"arm.xml: .*{says}"):
+def test_what_is_no_arm_says_so(tmp_path: Path, text: str, says: tuple[str, ...]) -> None:
+    with refused("arm.xml: ", *says):
         mo.load_robot(written(tmp_path, text))
-    with pytest.raises(InputError, match=r"other.xml.*cannot be read"):
+    with refused("robot file", "other.xml", "file"):
         mo.load_robot(tmp_path / "other.xml")
 
 
@@ -196,9 +199,9 @@ def test_robots_by_the_names_of_robot_descriptions(tmp_path: Path) -> None:
     file = tmp_path / "task.toml"
     file.write_text(f'schema = 1\nrobot = "robot_descriptions:rod_description"\n{via}')
     assert read_task(file).robot == rod
-    with pytest.raises(InputError, match="has no 'rot_description': did you mean 'rod_desc"):
+    with refused("'rot_description'", "'rod_description'", "'far_description'"):
         mo.load_robot("robot_descriptions:rot_description")
-    with pytest.raises(InputError, match=r"has no 'odd', it has 'odd_mj_description'$"):
+    with refused("'odd'", "'odd_mj_description'"):
         mo.load_robot("robot_descriptions:odd")
-    with pytest.raises(InputError, match="cannot fetch 'far_description': no route to the host"):
+    with refused("'far_description'", "no route"):
         mo.load_robot("robot_descriptions:far_description")

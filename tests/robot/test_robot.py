@@ -12,7 +12,8 @@ from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 import microbot_ocp as mo
-from microbot_ocp import InputError, Limits, Link, Robot
+from helpers import refused
+from microbot_ocp import Limits, Link, Robot
 from microbot_ocp.robot import dh_transform
 
 POINT = Link(1.0, [0.0, 0.0, 0.0])
@@ -29,52 +30,56 @@ def planar(**changes: Any) -> Robot:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"mass": -2.0}, "mass of link 'arm' must be at least 0 kg, not -2.0"),
-        ({"allow_unphysical": 1}, "allow_unphysical of link 'arm' must be True or False, not 1"),
-        ({"mass": np.nan}, "mass of link 'arm' must be finite, not nan kg"),
-        ({"mass": "4"}, "mass of link 'arm' must be a number, not '4'"),
-        ({"mass": True}, "mass of link 'arm' must be a number, not True"),
-        ({"center_of_mass": [0, 0]}, "center_of_mass of link 'arm' must have shape [3], not [2]"),
+        ({"mass": -2.0}, ("mass", "link 'arm'", "0 kg", "not -2.0")),
+        ({"allow_unphysical": 1}, ("allow_unphysical", "link 'arm'", "True or False", "not 1")),
+        ({"mass": np.nan}, ("mass", "link 'arm'", "finite", "nan kg")),
+        ({"mass": "4"}, ("mass", "link 'arm'", "number", "'4'")),
+        ({"mass": True}, ("mass", "link 'arm'", "number", "not True")),
+        ({"center_of_mass": [0, 0]}, ("center_of_mass", "link 'arm'", "shape [3]", "not [2]")),
         (
             {"center_of_mass": [0, np.inf, 0]},
-            "center_of_mass of link 'arm' must be finite, but entry [1] is inf m",
+            ("center_of_mass", "link 'arm'", "finite", "[1] is inf m"),
         ),
-        ({"inertia": [1, 1, 1]}, "inertia of link 'arm' must have shape [3, 3], not [3]"),
+        ({"inertia": [1, 1, 1]}, ("inertia", "link 'arm'", "shape [3, 3]", "not [3]")),
         (
             {"inertia": np.diag([1, np.nan, 1])},
-            "inertia of link 'arm' must be finite, but entry [1, 1] is nan kg m^2",
+            ("inertia", "link 'arm'", "finite", "[1, 1] is nan kg m^2"),
         ),
         (
             {"inertia": [[1, 0.5, 0], [0, 1, 0], [0, 0, 1]]},
-            "inertia of link 'arm' must be symmetric, not [[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], "
-            "[0.0, 0.0, 1.0]] kg m^2",
+            (
+                "inertia",
+                "link 'arm'",
+                "symmetric",
+                "[[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]] kg m^2",
+            ),
         ),
         (
             {"inertia": np.diag([1.0, 1.0, -0.5])},
-            "inertia of link 'arm' must be positive semi-definite, but a principal moment is "
-            "-0.5 kg m^2",
+            ("inertia", "link 'arm'", "positive semi-definite", "-0.5 kg m^2"),
         ),
         (
             {"inertia": np.diag([1.0, 1.0, 3.0])},
-            "inertia of link 'arm' breaks the triangle inequality: principal moments 1 + 1 < 3 "
-            "kg m^2, which no rigid body has",
+            ("inertia", "link 'arm'", "triangle inequality", "1 + 1 < 3 kg m^2"),
         ),
-        ({"armature": -1.0}, "armature of link 'arm' must be at least 0 kg m^2, not -1.0"),
+        ({"armature": -1.0}, ("armature", "link 'arm'", "0 kg m^2", "not -1.0")),
         (
             {"viscous_friction": -1.0},
-            "viscous_friction of link 'arm' must be at least 0 N m s/rad, not -1.0",
+            ("viscous_friction", "link 'arm'", "0 N m s/rad", "not -1.0"),
         ),
         (
             {"coulomb_friction": np.inf},
-            "coulomb_friction of link 'arm' must be finite, not inf N m",
+            ("coulomb_friction", "link 'arm'", "finite", "inf N m"),
         ),
     ],
 )
-def test_impossible_link_is_refused_in_one_sentence(changes: dict[str, Any], message: str) -> None:
+def test_impossible_link_is_refused_in_one_sentence(
+    changes: dict[str, Any], message: tuple[str, ...]
+) -> None:
     given = {"mass": 1.0, "center_of_mass": [0, 0, 0], "name": "arm"}
-    with pytest.raises(InputError) as refused:
+    with refused(*message) as caught:
         Link(**(given | changes))
-    assert str(refused.value) == message
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -89,7 +94,7 @@ def test_limiting_bodies_are_links_too(inertia: np.ndarray) -> None:
 def test_turned_inertia_is_checked_by_its_principal_moments() -> None:
     turn = dh_transform(0.3, 0.0, 0.0, 0.7)[:3, :3]
     Link(1.0, [0, 0, 0], turn @ np.diag([1.0, 1.0, 1.99]) @ turn.T)
-    with pytest.raises(InputError, match="triangle inequality"):
+    with refused("inertia", "triangle inequality", "1 + 1 < 2.01 kg m^2"):
         Link(1.0, [0, 0, 0], turn @ np.diag([1.0, 1.0, 2.01]) @ turn.T)
 
 
@@ -147,38 +152,36 @@ def test_lower_limit_may_be_named() -> None:
         ({"q_min": [0.0, 2.0], "q_max": 1.0}, ["q_min of joint 2", "2", "q_max of 1 rad"]),
         ({"q_min": np.inf}, ["q_min of joint 1", "inf"]),
         ({"q_max": -np.inf}, ["q_min of joint 1", "-inf"]),
-        ({"qd_max": (1.0, -1.0)}, ["qd_min of joint 1", "qd_max of -1 rad/s", "m/s"]),
-        ({"tau_max": -5.0}, ["tau_max of joint 1 must be at least 0 N m", "prismatic: N", "-5"]),
-        ({"tau_max": [5.0, -5.0]}, ["tau_max of joint 2 must be at least 0", "-5"]),
-        ({"tau_max": (100.0, 200.0)}, ["tau_max of joint 1 must leave room for zero", "a list"]),
-        ({"qd_max": (1.0, 2.0)}, ["qd_max of joint 1 must leave room for zero", "[1, 2] rad/s"]),
-        ({"qdd_max": (-2.0, -1.0)}, ["qdd_max of joint 1 must leave room for zero"]),
-        ({"taud_max": ([-1.0, 1.0], 2.0)}, ["taud_max of joint 2 must leave room for zero"]),
-        ({"tau_max": (1.0, 2.0, 3.0)}, ["tau_max as a tuple must be (lower, upper)", "3 entries"]),
-        ({"tau_max": (1.0,)}, ["tau_max as a tuple must be (lower, upper)", "1 entries"]),
-        ({"q_max": (-1.0, 1.0)}, ["q_max must be a number or a list", "not the tuple (-1.0, 1.0)"]),
-        ({"q_min": (-1.0, 1.0)}, ["q_min must be a number or a list", "not the tuple"]),
-        ({"qd_max": (-1.0, 1.0), "qd_min": -2.0}, ["qd_min is given twice", "-2.0"]),
-        ({"tau_max": [1.0, 2.0, 3.0]}, ["tau_max must have shape [2], not [3]"]),
-        ({"tau_max": np.nan}, ["tau_max must be finite", "nan"]),
-        ({"q_min": [np.nan, 0.0]}, ["q_min must be finite", "entry [0] is nan"]),
-        ({"tau_max": "strong"}, ["tau_max must be an array of numbers", "strong"]),
-        ({"tau_max": "5"}, ["tau_max must be an array of numbers", "5"]),
-        ({"tau_max": True}, ["tau_max must be an array of numbers", "True"]),
-        ({"tau_max": [[1.0, 2.0]]}, ["tau_max must have shape [2], not [1, 2]"]),
-        ({"tau_max": 5.0, "tau_min": [1.0]}, ["tau_min must have shape [2], not [1]"]),
+        ({"qd_max": (1.0, -1.0)}, ["qd_min", "joint 1", "qd_max of -1 rad/s", "m/s"]),
+        ({"tau_max": -5.0}, ["tau_max", "joint 1", "0 N m", "prismatic: N", "-5"]),
+        ({"tau_max": [5.0, -5.0]}, ["tau_max", "joint 2", "0 N m", "-5"]),
+        ({"tau_max": (100.0, 200.0)}, ["tau_max", "joint 1", "zero", "a list"]),
+        ({"qd_max": (1.0, 2.0)}, ["qd_max", "joint 1", "zero", "[1, 2] rad/s"]),
+        ({"qdd_max": (-2.0, -1.0)}, ["qdd_max", "joint 1", "zero", "[-2, -1] rad/s^2"]),
+        ({"taud_max": ([-1.0, 1.0], 2.0)}, ["taud_max", "joint 2", "zero", "[1, 2] N m/s"]),
+        ({"tau_max": (1.0, 2.0, 3.0)}, ["tau_max", "tuple", "(lower, upper)", "3 entries"]),
+        ({"tau_max": (1.0,)}, ["tau_max", "tuple", "(lower, upper)", "1 entries"]),
+        ({"q_max": (-1.0, 1.0)}, ["q_max", "number", "list", "not the tuple (-1.0, 1.0)"]),
+        ({"q_min": (-1.0, 1.0)}, ["q_min", "number", "list", "not the tuple"]),
+        ({"qd_max": (-1.0, 1.0), "qd_min": -2.0}, ["qd_min", "twice", "-2.0", "qd_max"]),
+        ({"tau_max": [1.0, 2.0, 3.0]}, ["tau_max", "shape [2]", "not [3]"]),
+        ({"tau_max": np.nan}, ["tau_max", "finite", "nan"]),
+        ({"q_min": [np.nan, 0.0]}, ["q_min", "finite", "entry [0] is nan"]),
+        ({"tau_max": "strong"}, ["tau_max", "array of numbers", "strong"]),
+        ({"tau_max": "5"}, ["tau_max", "array of numbers", "5"]),
+        ({"tau_max": True}, ["tau_max", "array of numbers", "True"]),
+        ({"tau_max": [[1.0, 2.0]]}, ["tau_max", "shape [2]", "[1, 2]"]),
+        ({"tau_max": 5.0, "tau_min": [1.0]}, ["tau_min", "shape [2]", "not [1]"]),
     ],
     ids=str,
 )
 def test_impossible_limits_are_refused(given: dict[str, Any], fragments: list[str]) -> None:
-    with pytest.raises(InputError) as refused:
+    with refused(*fragments):
         Limits(**given).for_joints(2)
-    for fragment in fragments:
-        assert fragment in str(refused.value)
 
 
 def test_limits_of_another_robot_are_refused(microbot: Robot) -> None:
-    with pytest.raises(InputError, match="limits are for 3 joints, but the robot has 2"):
+    with refused("limits", "3 joints", "robot", "2"):
         planar(limits=microbot.limits)
 
 
@@ -199,17 +202,17 @@ def test_some_limits_are_changed_and_the_others_stay(microbot: Robot) -> None:
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"limits": Limits(), "qd_max": 1.0}, "give limits or qd_max, not both"),
-        ({"tau_max": -1.0}, "tau_max of joint 1 must be at least 0"),
-        ({"q_max": -9.0}, "q_min of joint 1 must be finite or -inf and at most its q_max of -9"),
-        ({"qdd_max": [1.0, 2.0]}, "qdd_max"),
-        ({"qd_max": (-1.0, 1.0), "qd_min": -2.0}, "qd_min is given twice"),
+        ({"limits": Limits(), "qd_max": 1.0}, ("limits or qd_max",)),
+        ({"tau_max": -1.0}, ("tau_max", "joint 1", "0 N m", "-1")),
+        ({"q_max": -9.0}, ("q_min", "joint 1", "q_max of -9 rad", "-6.28319")),
+        ({"qdd_max": [1.0, 2.0]}, ("qdd_max", "shape [3]", "not [2]")),
+        ({"qd_max": (-1.0, 1.0), "qd_min": -2.0}, ("qd_min", "twice", "-2.0", "qd_max")),
     ],
 )
 def test_changes_of_limits_that_are_refused(
-    microbot: Robot, given: dict[str, Any], words: str
+    microbot: Robot, given: dict[str, Any], words: tuple[str, ...]
 ) -> None:
-    with pytest.raises(InputError, match=words):
+    with refused(*words):
         microbot.with_limits(**given)
 
 
@@ -226,60 +229,62 @@ def test_limits_as_plain_lists(microbot: Robot) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"a": [0.0]}, "the DH columns differ in length: alpha has 2 rows, a has 1"),
-        ({"d": [0.0] * 3}, "the DH columns differ in length: alpha has 2 rows, d has 3"),
-        ({"alpha": [], "a": [], "d": []}, "alpha must have at least one row, not 0"),
-        ({"alpha": 0.0}, "alpha must have shape [any], not []"),
-        ({"a": [0.0, np.nan]}, "a must be finite, but entry [1] is nan m"),
-        ({"d": ["0", "1"]}, "d must be an array of numbers, not ['0', '1']"),
+        ({"a": [0.0]}, ("DH columns", "alpha has 2 rows", "a has 1")),
+        ({"d": [0.0] * 3}, ("DH columns", "alpha has 2 rows", "d has 3")),
+        ({"alpha": [], "a": [], "d": []}, ("alpha", "one row", "not 0")),
+        ({"alpha": 0.0}, ("alpha", "shape [any]", "not []")),
+        ({"a": [0.0, np.nan]}, ("a", "finite", "[1] is nan m")),
+        ({"d": ["0", "1"]}, ("d", "array of numbers", "['0', '1']")),
         (
             {"theta_offset": [0.0]},
-            "the DH columns differ in length: alpha has 2 rows, theta_offset has 1",
+            ("DH columns", "alpha has 2 rows", "theta_offset has 1"),
         ),
-        ({"joint_type": "screw"}, "joint_type must be one of revolute, prismatic, not 'screw'"),
-        ({"joint_type": ["revolute"]}, "joint_type has 1 entries for 2 joints"),
+        ({"joint_type": "screw"}, ("joint_type", "revolute, prismatic", "'screw'")),
+        ({"joint_type": ["revolute"]}, ("joint_type", "1 entries", "2 joints")),
         (
             {"joint_type": ["revolute", 3]},
-            "joint_type must be one of revolute, prismatic, not 3",
+            ("joint_type", "revolute, prismatic", "not 3"),
         ),
-        ({"joint_type": 3}, "joint_type must be text or a list of text, not 3"),
-        ({"links": [POINT]}, "links has 1 entries for 2 joints"),
-        ({"links": [POINT, 3.0]}, "links must hold Link objects, not 3.0"),
-        ({"joint_names": ["a"]}, "joint_names must be 2 different names, not ['a']"),
-        ({"joint_names": ["a", "a"]}, "joint_names must be 2 different names, not ['a', 'a']"),
-        ({"joint_names": ["a", 2]}, "joint_names must be 2 different names, not ['a', 2]"),
-        ({"name": 3}, "name must be text, not 3"),
-        ({"description": None}, "description must be text, not None"),
-        ({"gravity": 9.81}, "gravity must have shape [3], not []"),
-        ({"gravity": [0.0, -9.81]}, "gravity must have shape [3], not [2]"),
-        ({"gravity": "down"}, "gravity must be an array of numbers, not 'down'"),
-        ({"gravity": [0, 0, np.inf]}, "gravity must be finite, but entry [2] is inf m/s^2"),
-        ({"tool": [0.0, 1.0]}, "tool must have shape [4], not [2]"),
-        ({"tool": np.eye(3)}, "tool must have shape [4, 4], not [3, 3]"),
-        ({"tool": 1.0}, "tool must have shape [4, 4], not []"),
-        ({"limits": 5.0}, "limits must be Limits, such as Limits(tau_max=100.0), not 5.0"),
+        ({"joint_type": 3}, ("joint_type", "text", "not 3")),
+        ({"links": [POINT]}, ("links", "1 entries", "2 joints")),
+        ({"links": [POINT, 3.0]}, ("links", "Link objects", "3.0")),
+        ({"joint_names": ["a"]}, ("joint_names", "2 different names", "['a']")),
+        ({"joint_names": ["a", "a"]}, ("joint_names", "2 different names", "['a', 'a']")),
+        ({"joint_names": ["a", 2]}, ("joint_names", "2 different names", "['a', 2]")),
+        ({"name": 3}, ("name", "text", "not 3")),
+        ({"description": None}, ("description", "text", "not None")),
+        ({"gravity": 9.81}, ("gravity", "shape [3]", "not []")),
+        ({"gravity": [0.0, -9.81]}, ("gravity", "shape [3]", "not [2]")),
+        ({"gravity": "down"}, ("gravity", "array of numbers", "'down'")),
+        ({"gravity": [0, 0, np.inf]}, ("gravity", "finite", "[2] is inf m/s^2")),
+        ({"tool": [0.0, 1.0]}, ("tool", "shape [4]", "not [2]")),
+        ({"tool": np.eye(3)}, ("tool", "shape [4, 4]", "[3, 3]")),
+        ({"tool": 1.0}, ("tool", "shape [4, 4]", "not []")),
+        ({"limits": 5.0}, ("limits", "Limits(tau_max=100.0)", "5.0")),
     ],
     ids=lambda value: str(value) if isinstance(value, dict) else "",
 )
-def test_impossible_robot_is_refused_in_one_sentence(changes: dict[str, Any], message: str) -> None:
-    with pytest.raises(InputError) as refused:
+def test_impossible_robot_is_refused_in_one_sentence(
+    changes: dict[str, Any], message: tuple[str, ...]
+) -> None:
+    with refused(*message) as caught:
         planar(**changes)
-    assert str(refused.value) == message
+    assert "\n" not in str(caught.value)
+    assert set(changes) & set(re.findall(r"\w+", str(caught.value)))
 
 
 @pytest.mark.parametrize(
-    "tool",
+    ("tool", "said"),
     [
-        np.diag([1.0, 1.0, -1.0, 1.0]),
-        np.diag([2.0, 0.5, 1.0, 1.0]),
-        np.diag([1.0, 1.0, 1.0, 2.0]),
-        np.eye(4) + 0.1 * np.eye(4)[::-1],
+        (np.diag([1.0, 1.0, -1.0, 1.0]), ("tool[:3, :3]", "rotation", "0.001", "mirrors")),
+        (np.diag([2.0, 0.5, 1.0, 1.0]), ("tool[:3, :3]", "rotation", "0.001", "3 off")),
+        (np.diag([1.0, 1.0, 1.0, 2.0]), ("tool", "homogeneous", "0 0 0 1", "2.0]]")),
+        (np.eye(4) + 0.1 * np.eye(4)[::-1], ("tool", "homogeneous", "0 0 0 1", "1.0]]")),
     ],
     ids=["mirror", "stretch", "last row", "shear"],
 )
-def test_tool_must_be_a_transform(tool: np.ndarray) -> None:
-    wrong = r"tool(\[:3, :3\] must be a rotation| must be a homogeneous transform) .*\[\["
-    with pytest.raises(InputError, match=wrong):
+def test_tool_must_be_a_transform(tool: np.ndarray, said: tuple[str, ...]) -> None:
+    with refused(*said):
         planar(tool=tool)
 
 
@@ -312,7 +317,7 @@ def test_robot_without_links_has_kinematics_only() -> None:
     robot = planar()
     assert not robot.has_dynamics
     mo.forward_kinematics(robot)
-    with pytest.raises(InputError, match="robot 'robot' has no links with masses"):
+    with refused("robot 'robot'", "masses", "dynamics"):
         mo.inverse_dynamics(robot)
     assert planar(links=[POINT, POINT]).has_dynamics
 
@@ -368,15 +373,15 @@ def test_any_changed_figure_makes_another_robot(microbot: Robot, change: Any) ->
 
 
 def test_with_methods_check_what_they_are_given(microbot: Robot) -> None:
-    with pytest.raises(InputError, match="links has 1 entries for 3 joints"):
+    with refused("links", "1 entries", "3 joints"):
         microbot.with_links([POINT])
-    with pytest.raises(InputError, match="links must hold Link objects"):
+    with refused("links", "Link objects", "not 1"):
         microbot.with_links([1, 2, 3])  # type: ignore[list-item]
-    with pytest.raises(InputError, match=re.escape("gravity must have shape [3], not [2]")):
+    with refused("gravity", "shape [3]", "not [2]"):
         microbot.with_gravity([0, 0])
-    with pytest.raises(InputError, match="limits must be Limits, such as"):
+    with refused("limits", "Limits(tau_max=100.0)", "5.0"):
         microbot.with_limits(5.0)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match=re.escape("tau_max must have shape [3], not [2]")):
+    with refused("tau_max", "shape [3]", "not [2]"):
         microbot.with_limits(Limits(tau_max=[1.0, 2.0]))
 
 
@@ -384,7 +389,7 @@ def test_robot_cannot_be_changed_in_place(microbot: Robot) -> None:
     with pytest.raises(FrozenInstanceError):
         microbot.name = "other"  # type: ignore[misc]
     for values in (microbot.alpha, microbot.gravity, microbot.tool, microbot.limits.tau_max):
-        with pytest.raises(ValueError, match="read-only"):
+        with refused("read-only", error=ValueError):
             values[0] = 1.0
 
 

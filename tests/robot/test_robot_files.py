@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
-from microbot_ocp import InputError
+from helpers import refused
 from microbot_ocp.robot import dh_transform
 from microbot_ocp.robot.files import parse_robot
 
@@ -50,102 +50,100 @@ def test_robot_file_by_path_is_the_packaged_robot(tmp_path: Path, microbot: mo.R
 
 @pytest.mark.parametrize("name", ["macrobot", "", "microbot.json", "Microbot", 3])
 def test_unknown_robot_lists_what_there_is(name: object) -> None:
-    with pytest.raises(InputError) as refused:
+    with refused(", ".join(mo.packaged_robots()), f"'{name}'"):
         mo.load_robot(name)  # type: ignore[arg-type]
-    assert ", ".join(mo.packaged_robots()) in str(refused.value)
-    assert str(name) in str(refused.value)
 
 
 def test_missing_and_unreadable_files_are_named(tmp_path: Path) -> None:
     missing = tmp_path / "missing.toml"
-    with pytest.raises(InputError, match=r"robot file '.*missing\.toml' cannot be read: "):
+    with refused("robot file", "missing.toml", "file or"):
         mo.load_robot(missing)
     binary = tmp_path / "binary.toml"
     binary.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(InputError, match=r"robot file '.*binary\.toml' cannot be read: "):
+    with refused("robot file", "binary.toml", "text"):
         mo.load_robot(binary)
 
 
 @pytest.mark.parametrize(
     ("text", "fragments"),
     [
-        ("name = 1 2", ["arm.toml: it is not valid TOML", "line 1"]),
-        ("", ["arm.toml: there must be at least one [[joint]] table"]),
-        ("joint = []", ["at least one [[joint]] table"]),
-        ("joint = [1]", ["at least one [[joint]] table"]),
-        ("[joint]\na = 1", ["at least one [[joint]] table"]),
-        ("colour = 1\n" + JOINT, ["arm.toml: unknown key 'colour' at the top level", "name"]),
-        ("name = 3\n" + JOINT, ["arm.toml: name must be text, not 3"]),
-        ("description = 3\n" + JOINT, ["arm.toml: description must be text, not 3"]),
+        ("name = 1 2", ["valid TOML", "line 1"]),
+        ("", ["at least one", "[[joint]]"]),
+        ("joint = []", ["at least one", "[[joint]]"]),
+        ("joint = [1]", ["at least one", "[[joint]]"]),
+        ("[joint]\na = 1", ["at least one", "[[joint]]"]),
+        ("colour = 1\n" + JOINT, ["'colour'", "top level", "name"]),
+        ("name = 3\n" + JOINT, ["name", "text", "not 3"]),
+        ("description = 3\n" + JOINT, ["description", "text", "not 3"]),
         (
             JOINT.replace("[[joint]]", "[[joints]]"),
-            ["unknown key 'joints'", "did you mean 'joint'?"],
+            ["'joints'", "top level", "'joint'"],
         ),
-        (JOINT + "lenght = 1.0", ["joint 1", "unknown key 'lenght'", "theta_offset"]),
-        (JOINT + "a_deg = 1.0", ["joint 1", "unknown key 'a_deg'"]),
-        (JOINT + "tau_max_deg = 1.0", ["unknown key 'tau_max_deg'"]),
-        (JOINT + "alpha_deg = 1.0", ["alpha of joint 1 is given twice: give alpha or alpha_deg"]),
-        ("[[joint]]\na = 1.0\nd = 0.0", ["alpha of joint 1 is missing"]),
-        (JOINT + "name = 3", ["name of joint 3 must be text, not 3"]),
+        (JOINT + "lenght = 1.0", ["joint 1", "'lenght'", "theta_offset"]),
+        (JOINT + "a_deg = 1.0", ["joint 1", "'a_deg'", "theta_offset"]),
+        (JOINT + "tau_max_deg = 1.0", ["'tau_max_deg'", "joint 1", "theta_offset"]),
+        (JOINT + "alpha_deg = 1.0", ["alpha of joint 1", "twice", "alpha_deg"]),
+        ("[[joint]]\na = 1.0\nd = 0.0", ["alpha of joint 1", "missing"]),
+        (JOINT + "name = 3", ["name", "joint 3", "text", "not 3"]),
         (JOINT + "type = 'screw'", ["type of joint 1", "revolute, prismatic", "'screw'"]),
         (JOINT + "type = 1", ["type of joint 1", "revolute, prismatic", "1"]),
-        (JOINT.replace("1.0", "'1.0'"), ["a of joint 1 must be a number", "'1.0'"]),
-        (JOINT.replace("1.0", "true"), ["a of joint 1 must be a number", "True"]),
-        (JOINT.replace("1.0", "[1.0]"), ["a of joint 1 must be a number", "[1.0]"]),
-        (JOINT.replace("1.0", "nan"), ["a of joint 1 must be finite", "nan"]),
+        (JOINT.replace("1.0", "'1.0'"), ["a of joint 1", "number", "'1.0'"]),
+        (JOINT.replace("1.0", "true"), ["a of joint 1", "number", "True"]),
+        (JOINT.replace("1.0", "[1.0]"), ["a of joint 1", "number", "[1.0]"]),
+        (JOINT.replace("1.0", "nan"), ["a of joint 1", "finite", "nan"]),
         (JOINT + "theta_offset_deg = 'x'", ["theta_offset_deg of joint 1", "a number", "'x'"]),
         (JOINT + "theta_offset_deg = '90'", ["theta_offset_deg of joint 1", "a number", "'90'"]),
-        (JOINT + "theta_offset_deg = [1, 2]", ["theta_offset_deg of joint 1", "must be a number"]),
-        (JOINT + "mass = -1.0", ["arm.toml: mass of link 'joint 1' must be at least 0 kg", "-1"]),
+        (JOINT + "theta_offset_deg = [1, 2]", ["theta_offset_deg of joint 1", "number", "[1, 2]"]),
+        (JOINT + "mass = -1.0", ["mass", "link 'joint 1'", "0 kg", "-1.0"]),
         (HEAVY + "allow_unphysical = 1", ["arm.toml: allow_unphysical of link", "not 1"]),
-        (JOINT + "[shape]\nframe = 1", ["shape must be [[shape]] tables"]),
-        (JOINT + "[[shape]]\nshade = 1", ["unknown key 'shade' of a shape"]),
-        (JOINT + "[[shape]]\nframe = 1", ["pose of a shape is missing"]),
-        (JOINT + SHAPE + "frame = 2", ["arm.toml: shapes must hold Shape objects of frames 0 to"]),
-        (JOINT + SHAPE + "frame = 1\nrole = 'x'", ["role of a shape", "visual, collision", "'x'"]),
-        (JOINT + "mass = '4'", ["arm.toml: mass of link 'joint 1' must be a number", "'4'"]),
-        (JOINT + "armature = 1.0", ["mass of joint 'joint 1' is missing", "armature is given"]),
-        (HEAVY + JOINT, ["mass of joint 'joint 2' is missing: give all or none"]),
+        (JOINT + "[shape]\nframe = 1", ["[[shape]] tables", "{'frame': 1}"]),
+        (JOINT + "[[shape]]\nshade = 1", ["'shade'", "shape", "frame"]),
+        (JOINT + "[[shape]]\nframe = 1", ["pose", "shape", "missing"]),
+        (JOINT + SHAPE + "frame = 2", ["Shape objects", "frames 0 to 1"]),
+        (JOINT + SHAPE + "frame = 1\nrole = 'x'", ["role", "shape", "visual, collision", "'x'"]),
+        (JOINT + "mass = '4'", ["mass", "link 'joint 1'", "number", "'4'"]),
+        (JOINT + "armature = 1.0", ["mass of joint 'joint 1'", "missing", "armature"]),
+        (HEAVY + JOINT, ["mass of joint 'joint 2'", "missing"]),
         (HEAVY + "center_of_mass = [1, 2]", ["center_of_mass", "shape [3], not [2]"]),
         (HEAVY + "center_of_mass = [true, 0, 0]", ["center_of_mass", "array of numbers", "True"]),
         (HEAVY + "inertia = [1, 1, 1]", ["inertia of link 'joint 1'", "shape [3, 3], not [3]"]),
         (HEAVY + "inertia = [[1, 0], [0, 1]]", ["shape [3, 3], not [2, 2]"]),
-        (HEAVY + "inertia = [[1, 0, 0], [0], [0]]", ["inertia", "must be an array of numbers"]),
+        (
+            HEAVY + "inertia = [[1, 0, 0], [0], [0]]",
+            ["inertia", "link 'joint 1'", "array of numbers", "[[1, 0, 0], [0], [0]]"],
+        ),
         (HEAVY + "inertia = [[1,0,0],[0,1,0],[0,0,9]]", ["arm.toml", "triangle inequality"]),
         (JOINT + "q_min = 1.0\nq_max = 0.0", ["arm.toml: q_min of joint 1", "not 1"]),
-        (JOINT + "q_max = [0.0, 1.0]", ["q_max of joint 'joint 1' must be a number, not [0.0"]),
-        (JOINT + "tau_max = -5.0", ["tau_max of joint 1 must be at least 0", "not -5"]),
-        (JOINT + "tau_max = '5'", ["tau_max of joint 'joint 1' must be a number, not '5'"]),
-        (JOINT + "tau_max = true", ["tau_max of joint 'joint 1' must be a number, not True"]),
-        (JOINT + "tau_max = nan", ["tau_max of joint 'joint 1' must be finite", "nan"]),
+        (JOINT + "q_max = [0.0, 1.0]", ["q_max", "joint 'joint 1'", "number", "[0.0"]),
+        (JOINT + "tau_max = -5.0", ["tau_max", "joint 1", "0 N m", "not -5"]),
+        (JOINT + "tau_max = '5'", ["tau_max", "joint 'joint 1'", "number", "'5'"]),
+        (JOINT + "tau_max = true", ["tau_max", "joint 'joint 1'", "number", "not True"]),
+        (JOINT + "tau_max = nan", ["tau_max", "joint 'joint 1'", "finite", "nan"]),
         (JOINT + "tau_max = [-1.0]", ["tau_max of joint 'joint 1' as [lower, upper]", "[2]"]),
         (JOINT + "tau_max = [-1.0, '2']", ["tau_max", "as [lower, upper]", "array of numbers"]),
-        (JOINT + "tau_max = [1.0, 2.0]", ["tau_max of joint 1 must leave room for zero"]),
+        (JOINT + "tau_max = [1.0, 2.0]", ["tau_max", "joint 1", "zero", "[1, 2] N m"]),
         (JOINT + "tau_max = [-1, 1]\n" + JOINT + "tau_max = '5'", ["'joint 2'", "number", "'5'"]),
         (JOINT + "qd_max_deg = [1, 2, 3]", ["qd_max_deg of joint 1", "shape [2], not [3]"]),
-        (JOINT + "type = 'prismatic'\nq_max_deg = 9", ["q_max_deg", "the joint is prismatic"]),
-        ("gravity = 'down'\n" + JOINT, ["arm.toml: gravity must be an array of numbers", "down"]),
-        ("gravity = 9.81\n" + JOINT, ["arm.toml: gravity must have shape [3], not []"]),
-        ("gravity = [0, -9.81]\n" + JOINT, ["arm.toml: gravity must have shape [3], not [2]"]),
-        ("gravity = [0, 0, '9']\n" + JOINT, ["arm.toml: gravity must be an array of numbers"]),
-        ("gravity = [0, 0, false]\n" + JOINT, ["arm.toml: gravity must be an array of numbers"]),
-        ("tool = 3\n" + JOINT, ["tool must be a table"]),
-        (JOINT + "[tool]\nlength = 1.0", ["unknown key 'length' of tool", "theta"]),
-        (JOINT + "[tool]\na = '4'", ["a of tool must be a number, not '4'"]),
-        (JOINT + "[tool]\na = nan", ["a of tool must be finite"]),
-        (JOINT + "[tool]\nmatrix = [[1, 0], [0, 1]]", ["arm.toml: tool must have shape [4, 4]"]),
-        (JOINT + "[tool]\nmatrix = [0, 1, 0, 0]", ["arm.toml: tool must have shape [4, 4]"]),
-        (JOINT + "[tool]\nmatrix = 'x'", ["arm.toml: tool must be an array of numbers"]),
-        (JOINT + "[tool]\nmatrix = [[1]]\na = 2.0", ["tool", "a matrix or a DH row, not both"]),
+        (JOINT + "type = 'prismatic'\nq_max_deg = 9", ["q_max_deg", "joint 1", "prismatic"]),
+        ("gravity = 'down'\n" + JOINT, ["gravity", "array of numbers", "down"]),
+        ("gravity = 9.81\n" + JOINT, ["gravity", "shape [3]", "not []"]),
+        ("gravity = [0, -9.81]\n" + JOINT, ["gravity", "shape [3]", "not [2]"]),
+        ("gravity = [0, 0, '9']\n" + JOINT, ["gravity", "array of numbers", "[0, 0, '9']"]),
+        ("gravity = [0, 0, false]\n" + JOINT, ["gravity", "array of numbers", "[0, 0, False]"]),
+        ("tool = 3\n" + JOINT, ["tool", "table", "not 3"]),
+        (JOINT + "[tool]\nlength = 1.0", ["'length'", "tool", "theta"]),
+        (JOINT + "[tool]\na = '4'", ["a of tool", "number", "'4'"]),
+        (JOINT + "[tool]\na = nan", ["a of tool", "finite", "nan"]),
+        (JOINT + "[tool]\nmatrix = [[1, 0], [0, 1]]", ["tool", "shape [4, 4]", "not [2, 2]"]),
+        (JOINT + "[tool]\nmatrix = [0, 1, 0, 0]", ["tool", "shape [4, 4]", "not [4]"]),
+        (JOINT + "[tool]\nmatrix = 'x'", ["tool", "array of numbers", "'x'"]),
+        (JOINT + "[tool]\nmatrix = [[1]]\na = 2.0", ["tool", "matrix", "DH row"]),
         (JOINT + "name = 'x'\n" + JOINT + "name = 'x'", ["joint_names", "2 different names"]),
     ],
 )
 def test_broken_robot_file_is_refused_by_name(text: str, fragments: list[str]) -> None:
-    with pytest.raises(InputError) as refused:
+    with refused("arm.toml: ", *fragments):
         parse_robot(text, "arm.toml")
-    message = str(refused.value)
-    for fragment in ["arm.toml", *fragments]:
-        assert fragment in message
 
 
 def test_file_with_every_key_says_what_it_says() -> None:

@@ -13,8 +13,15 @@ import pytest
 from hypothesis import given, strategies as st
 
 import microbot_ocp as mo
-from helpers import RANDOM_CHAINS, any_robot, batch, difference, random_robot, random_states
-from microbot_ocp import InputError
+from helpers import (
+    RANDOM_CHAINS,
+    any_robot,
+    batch,
+    difference,
+    random_robot,
+    random_states,
+    refused,
+)
 from microbot_ocp.robot import dh_transform
 from microbot_ocp.robot.files import parse_robot, robot_to_toml
 
@@ -280,9 +287,9 @@ def test_base_is_part_of_what_makes_robots_equal(microbot: mo.Robot) -> None:
     assert replace(microbot, base=np.eye(4)) == microbot
     table = {"alpha": [0.0], "a": [0.0], "d": [0.0]}
     assert mo.Robot.from_dh(**table, base=(0.0, 1.0, 0.0, 0.0)).base[0, 3] == 1.0
-    with pytest.raises(InputError, match="base must be a homogeneous transform"):
+    with refused("base", "homogeneous", "0 0 0 1", "2.0]]"):
         mo.Robot.from_dh(**table, base=2 * np.eye(4))
-    with pytest.raises(InputError, match=r"base must have shape \[4, 4\]"):
+    with refused("base", "shape [4, 4]", "not [3, 3]"):
         mo.Robot.from_dh(**table, base=np.eye(3))
 
 
@@ -336,29 +343,28 @@ def test_any_robot_survives_a_toml_file_to_the_last_bit(
 
 
 def test_toml_goes_to_a_file_of_its_ending(tmp_path: Path, microbot: mo.Robot) -> None:
-    with pytest.raises(InputError, match=r"path must end in \.toml or \.urdf, not '.*arm\.txt'"):
+    with refused("path", ".toml or .urdf", "arm.txt"):
         mo.save_robot(microbot, tmp_path / "arm.txt")
-    with pytest.raises(InputError, match=r"arm\.toml was not written: its folder does"):
+    with refused("arm.toml", "folder"):
         mo.save_robot(microbot, tmp_path / "none" / "arm.toml")
 
 
 def test_base_is_read_from_a_table() -> None:
     joint = "[[joint]]\nalpha = 0.0\na = 1.0\nd = 0.0\n"
     assert parse_robot(joint + "[base]\nd = 0.5").base[2, 3] == 0.5
-    for text, fragment in (
-        ("base = 3\n" + joint, "base must be a table"),
-        (joint + "[base]\nlength = 1.0", "unknown key 'length' of base"),
-        (joint + "[base]\nmatrix = [[1]]\na = 2.0", "base must be a matrix or a DH"),
-        (joint + "[base]\nmatrix = [[1, 0], [0, 1]]", "arm.toml: base must have shape [4, 4]"),
+    for text, parts in (
+        ("base = 3\n" + joint, ("base", "table", "not 3")),
+        (joint + "[base]\nlength = 1.0", ("'length'", "base", "theta")),
+        (joint + "[base]\nmatrix = [[1]]\na = 2.0", ("base", "matrix", "DH row")),
+        (joint + "[base]\nmatrix = [[1, 0], [0, 1]]", ("base", "shape [4, 4]", "[2, 2]")),
     ):
-        with pytest.raises(InputError) as refused:
+        with refused("arm.toml: ", *parts):
             parse_robot(text, "arm.toml")
-        assert fragment in str(refused.value)
 
 
 def test_table_with_rows_of_different_length_is_refused() -> None:
-    with pytest.raises(InputError, match="alpha has 2 rows, d has 3"):
+    with refused("DH columns", "alpha has 2 rows", "d has 3"):
         mo.Robot.from_dh([0.0, 0.0], [0.0, 0.0], [0.0, 0.0, 0.0])
     random = random_robot("rr")
-    with pytest.raises(InputError, match="links has 1 entries for 2 joints"):
+    with refused("links", "1 entries", "2 joints"):
         random.with_links(random.links[:1])

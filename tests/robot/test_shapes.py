@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +9,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
-from helpers import batch, difference, random_states
-from microbot_ocp import InputError
+from helpers import batch, difference, random_states, refused, warned
 from microbot_ocp.robot import RobotFileWarning, Shape
 from microbot_ocp.robot.files import parse_robot, parse_urdf, robot_to_toml, robot_to_urdf
 
@@ -123,7 +121,7 @@ def test_meshes_are_found(tmp_path: Path, reference: str, monkeypatch: pytest.Mo
 def test_a_missing_mesh_is_a_warning(tmp_path: Path, name: str) -> None:
     path = tmp_path / "arm.urdf"
     path.write_text(arm("", looks(f"<mesh filename='{name}'/>")), "utf-8")
-    with pytest.warns(RobotFileWarning, match="arm.urdf: mesh files are missing"):
+    with warned("arm.urdf", "mesh files", name[:100], category=RobotFileWarning):
         (shape,) = mo.robot.load_urdf(path).shapes
     assert shape.path == name
 
@@ -131,40 +129,40 @@ def test_a_missing_mesh_is_a_warning(tmp_path: Path, name: str) -> None:
 @pytest.mark.parametrize(
     ("geometry", "message"),
     [
-        ("", "must be one of box, sphere, cylinder, capsule, mesh"),
-        ("<plane/>", "must be one of box, sphere"),
-        ("<mesh/>", "must have a path"),
-        ("<box/>", "must have shape [3], not [0]"),
-        ("<box size='1 1 -1'/>", "must be at least 0"),
+        ("", ("link 'l1'", "box, sphere")),
+        ("<plane/>", ("<plane>", "link 'l1'")),
+        ("<mesh/>", ("link 'l1'", "path", "mesh")),
+        ("<box/>", ("x, y, z", "link 'l1'", "shape [3]", "[0]")),
+        ("<box size='1 1 -1'/>", ("x, y, z", "link 'l1'", "0 m", "-1.0]")),
         (
             "<sphere radius='big'/>",
-            "radius of the collision geometry of link 'l1' must be a number",
+            ("radius", "collision geometry", "link 'l1'", "number", "'big'"),
         ),
-        ("<mesh filename='/' scale='1 2'/>", "must have shape [3], not [2]"),
-        ("<cylinder radius='nan' length='1'/>", "must be finite"),
+        ("<mesh filename='/' scale='1 2'/>", ("scale x", "link 'l1'", "shape [3]", "[2]")),
+        (
+            "<cylinder radius='nan' length='1'/>",
+            ("radius, length", "link 'l1'", "finite", "[0] is nan"),
+        ),
     ],
 )
-def test_geometry_that_cannot_be_read_is_left_out(geometry: str, message: str) -> None:
-    with pytest.warns(RobotFileWarning) as caught:
+def test_geometry_that_cannot_be_read_is_left_out(geometry: str, message: tuple[str, ...]) -> None:
+    with warned(*message, category=RobotFileWarning):
         assert parse_urdf(arm("", looks(geometry))).shapes == ()
-    told = str(caught[-1].message)
-    assert "geometry that cannot be read is left out: " in told
-    assert message in told
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"kind": "cone"}, "kind of collision geometry of link 'arm' must be one of box, sphere"),
-        ({"role": "both"}, "role of a shape must be one of visual, collision, not 'both'"),
-        ({"size": [1, 2]}, "must have shape [1], not [2]"),
-        ({"size": [-1]}, "radius of collision geometry of link 'arm' must be at least 0 m"),
-        ({"pose": np.eye(3)}, "pose of collision geometry of link 'arm' must have shape [4, 4]"),
-        ({"path": "x.stl"}, "must have a path if it is a mesh, and only then"),
-        ({"color": (1, 0, 0)}, "color of collision geometry of link 'arm' must have shape [4]"),
+        ({"kind": "cone"}, ("kind", "collision geometry", "link 'arm'", "box, sphere", "'cone'")),
+        ({"role": "both"}, ("role", "a shape", "visual, collision", "'both'")),
+        ({"size": [1, 2]}, ("radius", "link 'arm'", "shape [1]", "[2]")),
+        ({"size": [-1]}, ("radius", "collision geometry", "link 'arm'", "0 m", "-1.0")),
+        ({"pose": np.eye(3)}, ("pose", "collision geometry", "link 'arm'", "shape [4, 4]")),
+        ({"path": "x.stl"}, ("link 'arm'", "path", "mesh")),
+        ({"color": (1, 0, 0)}, ("color", "collision geometry", "link 'arm'", "shape [4]")),
     ],
 )
-def test_what_is_no_shape_is_refused(changes: dict[str, Any], message: str) -> None:
+def test_what_is_no_shape_is_refused(changes: dict[str, Any], message: tuple[str, ...]) -> None:
     given = {"frame": 1, "pose": np.eye(4), "kind": "sphere", "size": [1.0], "link": "arm"}
-    with pytest.raises(InputError, match=re.escape(message)):
+    with refused(*message):
         Shape(**(given | changes))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import re
 import sys
 import warnings
 from dataclasses import replace
@@ -22,9 +21,11 @@ from helpers import (
     difference,
     random_link,
     random_states,
+    refused,
     sampled,
+    tells,
+    warned,
 )
-from microbot_ocp import InputError
 from microbot_ocp.cli import main
 from microbot_ocp.robot import RobotFileWarning
 from microbot_ocp.robot.files import parse_robot, parse_urdf, robot_to_toml, robot_to_urdf
@@ -267,21 +268,17 @@ def test_side_links_that_do_not_move_are_merged() -> None:
 
 def test_tip_chooses_one_end_of_several() -> None:
     text = chain(revolute(), more=BRANCH + BRANCH.replace("left", "right"))
-    with pytest.warns(RobotFileWarning, match=r"the tool frame is that of 'l1'.*'left', 'right'"):
+    with warned("arm.urdf", "tool frame", "'l1'", "'left', 'right'", category=RobotFileWarning):
         assert np.array_equal(parse_urdf(text, "arm.urdf").tool, np.eye(4))
     assert quiet(text, tip="left").joint_names == ("j1",)
-    with pytest.warns(RobotFileWarning, match=r"the tool frame is that of 'tool0'.*: 'left'"):
+    with warned("arm.urdf", "tool frame", "'tool0'", "'left'", category=RobotFileWarning):
         parse_urdf(text.replace("right", "tool0"), "arm.urdf")
 
 
 def test_joints_off_the_way_to_the_tip_are_held_at_zero() -> None:
     side = branch("side", "l1", '<limit lower="0.5" upper="1" effort="1" velocity="1"/>')
     text = chain(revolute(), revolute("1 0 0"), more=side)
-    with pytest.raises(
-        InputError,
-        match=r"branches at link 'l1' into joints 'j2', 'to side': choose an end by tip \(joints\)"
-        r": 'l1' \(1\) without them, 'l2' \(2\), 'side' \(2\)$",
-    ):
+    with refused("link 'l1'", "'j2', 'to side'", "tip", "'l1' (1)", "'l2' (2), 'side' (2)"):
         parse_urdf(text, "arm.urdf")
     robot = quiet(text, tip="l2")
     assert [link.mass for link in robot.links] == [4.0, 2.0]
@@ -299,7 +296,7 @@ def gripper(kind: str = "prismatic", leader: str = "to one") -> str:
 
 
 def test_fingers_that_mimic_each_other_are_carried() -> None:
-    with pytest.warns(RobotFileWarning, match=r"the tool frame is that of 'l1'"):
+    with warned("hand.urdf", "tool frame", "'l1'", category=RobotFileWarning):
         robot = parse_urdf(gripper(), "hand.urdf")
     assert robot.joint_names == ("j1",)
     assert robot.links[0].mass == 6.0
@@ -310,7 +307,7 @@ def test_fingers_that_mimic_each_other_are_carried() -> None:
 
 @pytest.mark.parametrize(("finger", "held"), [("one", "'to other' at 0.3"), ("other", "'to one'")])
 def test_each_finger_can_be_the_tip(finger: str, held: str) -> None:
-    with pytest.warns(RobotFileWarning, match=f"mimic one of the chain.*are held still: {held}"):
+    with warned("hand.urdf", "mimic", held, category=RobotFileWarning):
         robot = parse_urdf(gripper(), "hand.urdf", finger)
     assert robot.joint_names == ("j1", f"to {finger}")
 
@@ -326,9 +323,7 @@ def test_of_joints_on_one_way_that_mimic_each_other_the_leader_moves_both() -> N
 
 @pytest.mark.parametrize("leader", ["nobody", "to other", "fixed"])
 def test_a_mimic_without_a_leader_moves_on_its_own(leader: str) -> None:
-    with pytest.warns(
-        RobotFileWarning, match=rf"move on their own: 'to other' \(mimics '{leader}'"
-    ):
+    with warned("mimic", "'to other'", f"'{leader}'", category=RobotFileWarning):
         robot = parse_urdf(gripper(leader=leader), tip="other")
     assert robot.joint_names == ("j1", "to other")
 
@@ -336,7 +331,7 @@ def test_a_mimic_without_a_leader_moves_on_its_own(leader: str) -> None:
 @pytest.mark.parametrize("kind", ["planar", "floating"])
 def test_joints_that_no_chain_has_are_held_on_the_way(kind: str) -> None:
     text = chain(revolute(), f"type='{kind}'><origin xyz='1 2 3'/>", revolute("1 0 0"))
-    with pytest.warns(RobotFileWarning, match=rf"are held at zero: 'j2' \({kind}\)"):
+    with warned("zero", f"'j2' ({kind})", category=RobotFileWarning):
         robot = parse_urdf(text)
     assert robot == quiet(text.replace(kind, "fixed"))
     aside = f"<link name='x'/><joint name='k' type='{kind}'>"
@@ -358,11 +353,11 @@ def test_massless_links_are_massless() -> None:
 
 @pytest.mark.parametrize(
     ("moment", "fault"),
-    [("0.3", r"breaks the triangle inequality: .* 0\.1 \+ 0\.1 < 0\.3"), ("-0.1", "is -0.1 kg m")],
+    [("0.3", "0.1 + 0.1 < 0.3 kg m^2"), ("-0.1", "-0.1 kg m^2")],
 )
 def test_inertias_that_no_body_has_are_taken_as_they_stand(moment: str, fault: str) -> None:
     text = chain(revolute(), revolute("1 0 0")).replace('izz="0.1"', f'izz="{moment}"')
-    with pytest.warns(RobotFileWarning, match=f"are taken as they stand: 'l1' .*{fault}"):
+    with warned("arm.urdf", "'l1'", fault, category=RobotFileWarning):
         robot = assert_same_motion(text, "l2")
     assert robot.links[0].allow_unphysical
     assert parse_robot(robot_to_toml(robot)) == robot
@@ -370,14 +365,14 @@ def test_inertias_that_no_body_has_are_taken_as_they_stand(moment: str, fault: s
 
 def test_inertias_of_links_that_stand_still_are_told_apart() -> None:
     body = BODY.replace('izz="0.1"', 'izz="0.3"')
-    with pytest.warns(RobotFileWarning, match="no rigid body has do not move here: 'l0' breaks"):
+    with warned("'l0'", "triangle inequality", "0.1 + 0.1 < 0.3", category=RobotFileWarning):
         robot = parse_urdf(chain(revolute(), links=(body, BODY)))
     assert not robot.links[0].allow_unphysical
 
 
 def test_a_message_lists_no_more_than_it_has_room_for() -> None:
     many = "".join(branch(f"tip{i}", "l1") for i in range(100))
-    with pytest.raises(InputError, match=r"'to tip4', 95 more: choose .* 9. more$"):
+    with refused("'to tip4', 95 more", "95 more"):
         parse_urdf(chain(revolute(), revolute(), more=many))
 
 
@@ -391,27 +386,29 @@ def test_dust_is_no_inertia() -> None:
 
 def test_a_mass_alone_is_a_point() -> None:
     text = chain(revolute()).replace(INERTIA, "")
-    with pytest.warns(RobotFileWarning, match="are read as point masses: 'l1'"):
+    with warned("point masses", "'l1'", category=RobotFileWarning):
         robot = parse_urdf(text)
     assert not robot.links[0].inertia.any()
 
 
 @pytest.mark.parametrize("limit", ["", "<limit effort='1' velocity='1'/>"])
 def test_joints_without_a_range_are_unlimited(limit: str) -> None:
-    with pytest.warns(RobotFileWarning, match="are read as unlimited: 'j1'"):
+    with warned("unlimited", "'j1'", category=RobotFileWarning):
         robot = parse_urdf(chain(revolute(more=limit)))
     assert robot.limits.q_min.tolist() == [-np.inf]
 
 
 @pytest.mark.parametrize("axis", ["0 0 2", "1 1 0"])
 def test_axes_are_scaled(axis: str) -> None:
-    with pytest.warns(RobotFileWarning, match="axes are scaled to unit vectors: of joint 'j1'"):
+    with warned("unit vectors", "joint 'j1'", category=RobotFileWarning):
         assert_same_motion(chain(revolute(axis=axis), revolute("1 0 0")), "l2")
 
 
 def test_a_warning_names_a_dozen_and_counts_the_rest() -> None:
     text = chain(*[revolute(axis="0 0 2")] * 20)
-    with pytest.warns(RobotFileWarning, match=r"^arm\.urdf: axes .*'j12', of length 2, 8 more$"):
+    with warned(
+        "arm.urdf:", "unit vectors", "joint 'j12', of length 2, 8 more", category=RobotFileWarning
+    ):
         parse_urdf(text, "arm.urdf")
 
 
@@ -444,7 +441,7 @@ def test_sloppy_xml_and_odd_encodings_are_read(data: str | bytes) -> None:
 @pytest.mark.parametrize("declared", ["", "<?xml version='1.0' encoding='klingon'?>"])
 def test_what_is_not_in_its_encoding_is_read_as_latin_1(declared: str) -> None:
     data = f"{declared}{UMLAUT}{PLAIN}".encode("latin-1")
-    with pytest.warns(RobotFileWarning, match="as it should be: read as Latin-1"):
+    with warned("Latin-1", category=RobotFileWarning):
         assert parse_urdf(data) == quiet(PLAIN)
 
 
@@ -455,21 +452,21 @@ NESTED = "<robot name='r'>" + "<link name='l'>" * 5000 + "</link>" * 5000 + "</r
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (BOMB, "XML entities are not read, but 'a' is declared"),
-        (BOMB.replace("'aaaa'", "SYSTEM 'file:///etc/passwd'"), "XML entities are not read"),
-        (NESTED, "elements are nested deeper than 200: <link> is no robot's"),
-        ("<a>" * 100_000, "elements are nested deeper than 200"),
-        (PLAIN.replace("l1", "&nothing;"), "is not valid XML: undefined entity: line 1"),
-        (PLAIN.replace("</robot>", "\n\n</robots>"), "is not valid XML: mismatched tag: line 3"),
-        (f"{UMLAUT}\n<!--\n-->\n{PLAIN[:-1]}", "line 4"),
-        (PLAIN.encode("utf-16")[:-7], "is not valid XML"),
-        ("\ud800", "is not valid XML"),
-        (b"\x00\xff" * 100, "is not valid XML"),
+        (BOMB, ("XML entities", "'a'")),
+        (BOMB.replace("'aaaa'", "SYSTEM 'file:///etc/passwd'"), ("XML entities", "'a'")),
+        (NESTED, ("200:", "<link>")),
+        ("<a>" * 100_000, ("200:", "<a>")),
+        (PLAIN.replace("l1", "&nothing;"), ("valid XML", "undefined entity", "line 1")),
+        (PLAIN.replace("</robot>", "\n\n</robots>"), ("valid XML", "mismatched tag", "line 3")),
+        (f"{UMLAUT}\n<!--\n-->\n{PLAIN[:-1]}", ("valid XML", "line 4")),
+        (PLAIN.encode("utf-16")[:-7], ("valid XML", "line 1")),
+        ("\ud800", ("valid XML", "surrogates")),
+        (b"\x00\xff" * 100, ("valid XML", "line 1")),
     ],
     ids=range(10),
 )
-def test_hostile_texts_are_refused(text: str | bytes, message: str) -> None:
-    with pytest.raises(InputError, match=re.escape(message)):
+def test_hostile_texts_are_refused(text: str | bytes, message: tuple[str, ...]) -> None:
+    with refused("arm.urdf: ", *message):
         parse_urdf(text, "arm.urdf")
 
 
@@ -486,73 +483,91 @@ RING = (
 @pytest.mark.parametrize(
     ("text", "fragments"),
     [
-        ("", ["is not valid XML"]),
-        ("<robot name='r'>", ["is not valid XML", "line 1"]),
-        ("<model name='r'/>", ["not a URDF: its root is <model>"]),
-        ("<robot/>", ["no moving joint"]),
-        ("<robot name='r'><link/></robot>", ["a link without a name"]),
-        ("<robot name='r'><link name='l'/></robot>", ["no moving joint"]),
-        (chain(fixed()), ["no moving joint"]),
+        ("", ["valid XML"]),
+        ("<robot name='r'>", ["valid XML", "line 1"]),
+        ("<model name='r'/>", ["URDF", "<model>"]),
+        ("<robot/>", ["moving joint"]),
+        ("<robot name='r'><link/></robot>", ["link", "name"]),
+        ("<robot name='r'><link name='l'/></robot>", ["moving joint"]),
+        (chain(fixed()), ["moving joint"]),
         (
             chain(revolute()).replace("-3", "${low}"),
-            ["lower limit of joint 'j1' must be a number, not '${low}': expand the xacro first"],
+            ["lower limit", "joint 'j1'", "number", "'${low}'", "xacro"],
         ),
-        (chain(revolute()).replace("-3", "1_0"), ["lower limit of joint 'j1'", "not '1_0'"]),
-        (chain(revolute(axis="0 0 0")), ["axis of joint 'j1' must be a unit vector", "length 0"]),
-        (chain(revolute(axis="0 1")), ["axis of joint 'j1' must have shape [3], not [2]"]),
-        (chain(revolute(axis="0 nan 1")), ["axis of joint 'j1' must be finite", "nan"]),
-        (chain(revolute("nan 0 0")), ["origin of joint 'j1' must be finite", "nan"]),
-        (chain(revolute("0 0 0", "0 inf 0")), ["origin of joint 'j1' must be finite", "inf"]),
-        (chain(revolute()).replace("-3", "nan"), ["lower limit of joint 'j1'", "nan"]),
-        (chain(revolute()).replace("-3", "4"), ["lower limit of joint 'j1'", "at most", "not 4"]),
-        (chain(revolute()).replace('"10"', '"nan"'), ["effort of joint 'j1' must be finite"]),
+        (chain(revolute()).replace("-3", "1_0"), ["lower limit", "joint 'j1'", "not '1_0'"]),
+        (chain(revolute(axis="0 0 0")), ["axis", "joint 'j1'", "unit vector", "length 0"]),
+        (chain(revolute(axis="0 1")), ["axis", "joint 'j1'", "shape [3]", "not [2]"]),
+        (chain(revolute(axis="0 nan 1")), ["axis", "joint 'j1'", "finite", "nan"]),
+        (chain(revolute("nan 0 0")), ["origin", "joint 'j1'", "finite", "nan"]),
+        (chain(revolute("0 0 0", "0 inf 0")), ["origin", "joint 'j1'", "finite", "inf"]),
+        (chain(revolute()).replace("-3", "nan"), ["lower limit", "joint 'j1'", "nan"]),
+        (chain(revolute()).replace("-3", "4"), ["lower limit", "joint 'j1'", "at most", "not 4"]),
+        (chain(revolute()).replace('"10"', '"nan"'), ["effort", "joint 'j1'", "finite", "nan"]),
         (
             chain(revolute()).replace('city="2"', 'city="-2"'),
-            ["velocity of joint 'j1'", "at least"],
+            ["velocity of joint 'j1'", "0,", "-2.0"],
         ),
-        (chain(revolute(more=LIMIT + "<dynamics damping='-1'/>")), ["damping of joint 'j1'"]),
-        (chain(revolute(more=LIMIT + "<dynamics friction='x'/>")), ["friction of joint 'j1'"]),
-        (chain(revolute()).replace('mass value="2"', 'mass value="-1"'), ["mass of link 'l1'"]),
-        (chain(revolute()).replace('mass value="2"', 'mass value="nan"'), ["mass of link 'l1'"]),
+        (
+            chain(revolute(more=LIMIT + "<dynamics damping='-1'/>")),
+            ["damping of joint 'j1'", "0,", "-1.0"],
+        ),
+        (
+            chain(revolute(more=LIMIT + "<dynamics friction='x'/>")),
+            ["friction of joint 'j1'", "number", "'x'"],
+        ),
+        (
+            chain(revolute()).replace('mass value="2"', 'mass value="-1"'),
+            ["mass of link 'l1'", "0,", "-1.0"],
+        ),
+        (
+            chain(revolute()).replace('mass value="2"', 'mass value="nan"'),
+            ["mass of link 'l1'", "finite", "nan"],
+        ),
         (
             chain(revolute(), fixed("1e200 0 0")).replace("0.1", "1"),
-            ["inertia of link 'l1' must be finite"],
+            ["inertia", "link 'l1'", "finite"],
         ),
-        (chain(revolute()).replace('mass value="2"', "mass"), ["mass of link 'l1' lacks value"]),
-        (chain(revolute()).replace(INERTIA, "<inertia ixx='1'/>"), ["inertia of link 'l1' lacks"]),
-        (chain(revolute()).replace('<mass value="2"/>', ""), ["mass of link 'l1' lacks value"]),
-        (chain(revolute()).replace('izz="0.1"', ""), ["inertia of link 'l1' lacks izz"]),
+        (chain(revolute()).replace('mass value="2"', "mass"), ["mass of link 'l1'", "value"]),
+        (
+            chain(revolute()).replace(INERTIA, "<inertia ixx='1'/>"),
+            ["inertia of link 'l1'", "ixy, ixz, iyy"],
+        ),
+        (chain(revolute()).replace('<mass value="2"/>', ""), ["mass of link 'l1'", "value"]),
+        (chain(revolute()).replace('izz="0.1"', ""), ["inertia of link 'l1'", "izz"]),
         (chain(revolute()).replace('iyz="0"', 'iyz="nan"'), ["inertia of link 'l1'", "nan"]),
-        (chain(revolute()).replace('"0.1 0.2 0.3"', '"0.1 nan 0"'), ["inertial origin of link"]),
-        (chain("type='planar'>"), ["no moving joint"]),
+        (
+            chain(revolute()).replace('"0.1 0.2 0.3"', '"0.1 nan 0"'),
+            ["inertial origin", "link 'l1'", "[1] is nan"],
+        ),
+        (chain("type='planar'>"), ["moving joint"]),
         (chain("type='screw'>"), ["joint 'j1' is screw", "revolute, continuous, prismatic"]),
-        (chain(revolute(), more=TWICE), ["two joints named 'j1'"]),
-        (chain(revolute(), more="<link name='l1'/>"), ["two links named 'l1'"]),
-        (chain(revolute(), more=LOOSE), ["parent of joint 'k' must be a link", "'x'"]),
-        (chain(revolute(), more="<link name='x'/>"), ["one root link, not 'l0', 'x'"]),
-        (chain(revolute(), more=RING), ["in a ring"]),
+        (chain(revolute(), more=TWICE), ["two joints", "'j1'"]),
+        (chain(revolute(), more="<link name='l1'/>"), ["two links", "'l1'"]),
+        (chain(revolute(), more=LOOSE), ["parent", "joint 'k'", "link", "'x'"]),
+        (chain(revolute(), more="<link name='x'/>"), ["root link", "'l0', 'x'"]),
+        (chain(revolute(), more=RING), ["ring", "chain"]),
         (
             chain(revolute(), more=BRANCH + branch("left2", "l0").replace("'left2'/>", "'left'/>")),
-            ["link 'left' hangs on two joints"],
+            ["link 'left'", "'to left' and 'to left2'"],
         ),
         (
             chain(revolute(more=LIMIT + "<microbot_ocp armature='-1'/>")),
-            ["armature of joint 'j1' must be at least 0"],
+            ["armature", "joint 'j1'", "0,", "-1.0"],
         ),
         (
             chain(revolute(more=LIMIT + "<microbot_ocp rotor='1'/>")),
-            ["<microbot_ocp> of joint 'j1' must be one of armature", "'rotor'"],
+            ["<microbot_ocp>", "joint 'j1'", "armature", "'rotor'"],
         ),
         (chain(revolute(), more="<microbot_ocp gravity='0 0'/>"), ["gravity", "shape [3]"]),
-        (chain(revolute(), more="<microbot_ocp g='0'/>"), ["<microbot_ocp> must be one of"]),
+        (
+            chain(revolute(), more="<microbot_ocp g='0'/>"),
+            ["<microbot_ocp>", "gravity, description", "'g'"],
+        ),
     ],
 )
 def test_broken_urdf_is_refused_by_name(text: str, fragments: list[str]) -> None:
-    with pytest.raises(InputError) as refused:
+    with refused("arm.urdf: ", *fragments):
         parse_urdf(text, "arm.urdf")
-    message = str(refused.value)
-    for fragment in ["arm.urdf", *fragments]:
-        assert fragment in message
 
 
 def test_angles_rounded_hard_make_plain_rows_on_request(tmp_path: Path) -> None:
@@ -565,8 +580,8 @@ def test_angles_rounded_hard_make_plain_rows_on_request(tmp_path: Path) -> None:
     q, *_ = random_states(robot, 20)
     poses = parser_poses(text, q, "l2")
     assert difference(batch(mo.forward_kinematics(robot), q), poses) < 1e-5
-    for bad in (-1.0, np.nan, 1.0, "x"):
-        with pytest.raises(InputError, match="parallel_tolerance must be"):
+    for bad, allowed in ((-1.0, "0 rad"), (np.nan, "finite"), (1.0, "0.1 rad"), ("x", "number")):
+        with refused("parallel_tolerance", allowed, repr(bad)):
             mo.robot.load_urdf(path, parallel_tolerance=bad)  # type: ignore[arg-type]
 
 
@@ -580,13 +595,13 @@ def test_urdf_is_loaded_by_its_path(tmp_path: Path) -> None:
     path.write_text(random_urdf(3, "rfp"))
     assert mo.load_robot(path) == mo.load_robot(str(path)) == mo.robot.load_urdf(path)
     assert mo.load_robot(path, tip="l2").joint_names == ("j1",)
-    with pytest.raises(InputError, match=r"tip must be a link of the file, not 'l' \(near it: .*"):
+    with refused("tip", "link", "'l'", "'l3' (2)"):
         mo.load_robot(path, tip="l")
-    with pytest.raises(InputError, match=r"no joint moves between 'l0' and 'l0'; .*: 'l3' \(2\)$"):
+    with refused("'l0' and 'l0'", "'l3' (2)"):
         mo.load_robot(path, tip="l0")
-    with pytest.raises(InputError, match=r"tip is for URDF and MJCF files, not for 'microbot'"):
+    with refused("tip", "URDF", "MJCF", "'microbot'"):
         mo.load_robot("microbot", tip="hand")
-    with pytest.raises(InputError, match=r"robot file '.*none\.urdf' cannot be read: "):
+    with refused("robot file", "none.urdf"):
         mo.load_robot(tmp_path / "none.urdf")
 
 
@@ -611,9 +626,7 @@ def test_xacro_is_expanded(tmp_path: Path) -> None:
     path.write_text(XACRO.replace("arm_description", "renamed"))
     assert mo.load_robot(path) == robot
     path.write_text(XACRO.replace("joint.xacro", "none.xacro").replace("arm_d", "d"))
-    with pytest.raises(
-        InputError, match=r"arm\.urdf\.xacro cannot be expanded .*none.xacro.* \(package 'descr"
-    ):
+    with refused("arm.urdf.xacro", "none.xacro", "'description'"):
         mo.load_robot(path)
 
 
@@ -629,10 +642,7 @@ def test_missing_xacro_names_the_extra(tmp_path: Path, monkeypatch: pytest.Monke
     path = tmp_path / "arm.xacro"
     path.write_text(XACRO)
     monkeypatch.setitem(sys.modules, "xacro", None)
-    with pytest.raises(
-        InputError,
-        match=r"^reading xacro files needs xacro: pip install 'microbot_ocp\[",
-    ):
+    with refused("xacro:", "pip install 'microbot_ocp[urdf]'"):
         mo.load_robot(path)
 
 
@@ -731,23 +741,23 @@ def test_names_that_collide_are_told_apart() -> None:
 
 def test_names_that_xml_cannot_hold_are_refused() -> None:
     robot = mo.Robot.from_dh([0.0], [0.0], [0.0], name="bell \x07")
-    with pytest.raises(InputError, match=r"cannot be written as XML: .*names or description"):
+    with refused("bell", "XML", "line 1"):
         robot_to_urdf(robot)
 
 
 def test_urdf_goes_to_a_file_of_its_ending(tmp_path: Path, microbot: mo.Robot) -> None:
-    with pytest.raises(InputError, match=r"path must end in \.toml or \.urdf, not '.*arm\.xml'"):
+    with refused("path", ".toml or .urdf", "arm.xml"):
         mo.save_robot(microbot, tmp_path / "arm.xml")
-    with pytest.raises(InputError, match=r"arm\.urdf was not written: its folder does"):
+    with refused("arm.urdf", "folder"):
         mo.save_robot(microbot, tmp_path / "none" / "arm.urdf")
 
 
 def test_limits_of_zero_are_not_stated() -> None:
     more = '<limit lower="-3" upper="3" effort="0" velocity="-0.0" drake:acceleration="0"/>'
-    with pytest.warns(RobotFileWarning, match="0 are read as not stated") as caught:
+    keys = ("effort", "velocity", "drake:acceleration")
+    named = [f"{key} of joint 'j1'" for key in keys]
+    with warned("arm.urdf", "0", *named, category=RobotFileWarning):
         robot = parse_urdf(chain(revolute(more=more), revolute()), "arm.urdf")
-    for key in ("effort", "velocity", "drake:acceleration"):
-        assert f"{key} of joint 'j1'" in str(caught[0].message)
     assert robot.limits.tau_max.tolist() == [np.inf, 10.0]
     assert robot.limits.qd_max.tolist() == [np.inf, 2.0]
     assert robot.limits.qdd_max.tolist() == [np.inf, np.inf]
@@ -771,20 +781,22 @@ def test_a_locked_joint_is_written_as_one() -> None:
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({}, "for any joint, neither the rotor inertia nor a limit of acceleration"),
-        ({"tau_max": np.inf}, "no limit of torque, acceleration or jerk"),
-        ({"qdd_max": [9.0, np.inf]}, "for j2, neither the rotor inertia"),
-        ({"qdd_max": 9.0}, ""),
-        ({"qddd_max": 9.0}, ""),
-        ({"taud_max": 9.0}, ""),
+        ({}, ("any joint", "rotor inertia", "acceleration")),
+        ({"tau_max": np.inf}, ("no limit", "torque", "jerk")),
+        ({"qdd_max": [9.0, np.inf]}, ("j2", "rotor inertia")),
+        ({"qdd_max": 9.0}, ()),
+        ({"qddd_max": 9.0}, ()),
+        ({"taud_max": 9.0}, ()),
     ],
 )
-def test_what_the_drives_lack_is_said(changes: dict[str, object], said: str) -> None:
+def test_what_the_drives_lack_is_said(changes: dict[str, object], said: tuple[str, ...]) -> None:
     robot = parse_urdf(chain(revolute(), revolute(xyz="0.5 0 0"))).with_limits(**changes)
     advice = mo.robot.drive_advice(robot, [[30.0, 20.0]])
-    assert said in advice if said else not advice
+    assert bool(said) == bool(advice)
+    tells(advice, *said)
     with_rotors = robot.with_links([replace(link, armature=0.1) for link in robot.links])
-    assert ("rotor" in said or not said) == (mo.robot.drive_advice(with_rotors) == "")
+    asked = not said or "rotor inertia" in said
+    assert asked == (mo.robot.drive_advice(with_rotors) == "")
 
 
 @pytest.mark.thorough
@@ -794,14 +806,14 @@ def test_show_and_the_note_of_a_motion_say_what_drives_lack(
     path = tmp_path / "arm.urdf"
     path.write_text(chain(revolute(), revolute(xyz="0.5 0 0")))
     assert main(["show", str(path)]) == 0
-    assert "for any joint, neither the rotor inertia" in " ".join(capsys.readouterr().out.split())
+    tells(" ".join(capsys.readouterr().out.split()), "any joint", "rotor inertia")
     robot = mo.load_robot(path)
     for motion in (
         mo.time_optimal(robot, [[0, 0], [1, 1]], mesh=10, starts=1),
         mo.time_optimal_path(robot, mo.cubic([[0, 0], [1, 1]], [0.0, 1.0])),
     ):
         peak = np.abs(motion.qdd).max()
-        assert f"reaches {peak:.5g} rad/s^2: for any joint, neither" in motion.note
+        tells(motion.note, f"{peak:.5g} rad/s^2", "any joint")
     bounded = robot.with_limits(qdd_max=9.0)
     assert "reaches" not in mo.time_optimal(bounded, [[0, 0], [1, 1]], mesh=10, starts=1).note
 
@@ -823,7 +835,7 @@ def test_what_an_srdf_says_is_read_and_written(tmp_path: Path) -> None:
     elsewhere.write_text(SRDF)
     plain = mo.robot.load_urdf(path)
     assert (plain.joint_count, plain.disabled_pairs, plain.named_poses) == (4, None, {})
-    with pytest.warns(RobotFileWarning, match="only the SRDF has are left out: 'other'"):
+    with warned("arm.urdf", "SRDF", "'other'", category=RobotFileWarning):
         robot = mo.robot.load_urdf(path, srdf=elsewhere)
     assert robot.joint_names == ("j1", "j2", "j3")
     assert robot.disabled_pairs == (("l0", "l2"),)
@@ -845,13 +857,15 @@ def test_what_an_srdf_says_is_read_and_written(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("value='0.5'", "value='x'", "value of joint 'j1' in the state 'home' must be a number"),
-        ("link2='l0'", "", "<disable_collisions> of the SRDF lacks link2"),
-        ("<robot name='r'>", "<sdf>", "arm.srdf: the text is not valid XML"),
+        ("value='0.5'", "value='x'", ("value", "joint 'j1'", "'home'", "number", "'x'")),
+        ("link2='l0'", "", ("<disable_collisions>", "link2")),
+        ("<robot name='r'>", "<sdf>", ("arm.srdf:", "valid XML", "line")),
     ],
 )
-def test_a_wrong_srdf_is_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
+def test_a_wrong_srdf_is_refused(
+    tmp_path: Path, old: str, new: str, message: tuple[str, ...]
+) -> None:
     (tmp_path / "arm.urdf").write_text(chain(revolute()))
     (tmp_path / "arm.srdf").write_text(SRDF.replace(old, new))
-    with pytest.raises(InputError, match=message):
+    with refused(*message):
         mo.load_robot(tmp_path / "arm.urdf")
