@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
-from microbot_ocp import InputError
+from helpers import refused, tells, warned
 from microbot_ocp.cli import main
 from microbot_ocp.scene._moveit import turns_on_the_way
 
@@ -73,10 +73,10 @@ def test_a_request_is_read_and_solved_from_the_command_line(
 ) -> None:
     path = tmp_path / "request.yaml"
     path.write_text(REQUEST)
-    with pytest.warns(UserWarning, match="of its file: finger"):
+    with warned("planar_2r", "finger"):
         assert mo.scene.load_request(path, arm()).tolist() == [[0.1, 0.2], [0.4, 0.3]]
     assert main(["solve", str(path)]) == 2
-    assert "give --robot" in capsys.readouterr().err
+    tells(capsys.readouterr().err, "--robot")
     assert main(["solve", str(path), "--robot", "planar_2r"]) == 0
     assert "goal" in capsys.readouterr().out
 
@@ -85,38 +85,54 @@ def test_a_request_is_read_and_solved_from_the_command_line(
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("joint_name: elbow", "joint_name: wrist", "request.yaml: the goal lacks elbow"),
-        ("position: 0.3", "position: .nan", "positions of joints must be finite"),
-        ("joint_constraints", "position_constraints", "not of position_constraints"),
-        ("position: [0.2, 0.5, 0.1]", "position: [0.2]", "has 3 joints, but 1 positions"),
-        ("start_state", "state", "start_state is missing: the message is of another kind"),
+        ("joint_name: elbow", "joint_name: wrist", ("request.yaml:", "goal", "elbow")),
+        ("position: 0.3", "position: .nan", ("positions", "finite", "[1, 1] is nan rad")),
+        (
+            "joint_constraints",
+            "position_constraints",
+            ("goal_constraints[0].position_constraints", "joint_constraints"),
+        ),
+        (
+            "position: [0.2, 0.5, 0.1]",
+            "position: [0.2]",
+            ("start_state", "3 joints", "1 positions"),
+        ),
+        ("start_state", "state", ("start_state", "missing")),
     ],
 )
-def test_a_wrong_request_is_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
+def test_a_wrong_request_is_refused(
+    tmp_path: Path, old: str, new: str, message: tuple[str, ...]
+) -> None:
     path = tmp_path / "request.yaml"
     path.write_text(REQUEST.replace(old, new))
-    with pytest.raises(InputError, match=message):
+    with refused(*message):
         mo.scene.load_request(path, arm())
 
 
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("type: sphere", "type: cone", "object 'wall': type must be one of box, sphere, cylinder"),
+        (
+            "type: sphere",
+            "type: cone",
+            ("object 'wall'", "type", "box, sphere, cylinder", "'cone'"),
+        ),
         (
             "primitives:\n",
             "meshes: [1]\n      primitives:\n",
-            "meshes is .*: meshes cannot be read, only",
+            ("world.collision_objects[1].meshes is [1]", "primitives"),
         ),
-        ("[0, 0, 1, 1]", "[0, 0, 0, 0]", "orientation must be a quaternion, not zero"),
-        ("world:", "land:", "scene.yaml: world is missing"),
-        ("world:", "world: [", "it is no YAML"),
+        ("[0, 0, 1, 1]", "[0, 0, 0, 0]", ("object 'can'", "orientation", "quaternion", "zero")),
+        ("world:", "land:", ("scene.yaml", "world", "missing")),
+        ("world:", "world: [", ("scene.yaml", "YAML", "line 7")),
     ],
 )
-def test_a_wrong_scene_is_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
+def test_a_wrong_scene_is_refused(
+    tmp_path: Path, old: str, new: str, message: tuple[str, ...]
+) -> None:
     path = tmp_path / "scene.yaml"
     path.write_text(SCENE.replace(old, new))
-    with pytest.raises(InputError, match=message):
+    with refused(*message):
         mo.load_scene(path)
 
 
@@ -222,13 +238,15 @@ def test_an_unknown_frame_is_refused_by_its_path(
 ) -> None:
     """Of a robot that names its links, and of one whose pose the scene does not tell."""
     path = written(tmp_path, scene_of(ball(), ball(frame, "other")))
-    with pytest.raises(InputError, match=r"world\.collision_objects\[1\]\.header\.frame_id is "):
+    with refused(
+        "world.collision_objects[1].header.frame_id", repr(frame), "fixed_frame_transforms"
+    ):
         mo.load_scene(path, robot=planar)
 
 
 def test_frames_that_contradict_each_other_are_refused(tmp_path: Path) -> None:
     given = scene_of(ball(), fixed_frame_transforms=[moved("world", "base_link", 0.5)])
-    with pytest.raises(InputError, match=r"fixed_frame_transforms .*'base_link'"):
+    with refused("fixed_frame_transforms", "'base_link'"):
         mo.load_scene(written(tmp_path, given))
 
 
@@ -252,47 +270,53 @@ def test_operations_one_after_the_other(
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"operation": 3}, r"world\.collision_objects\[0\]\.operation must be one of ADD"),
-        ({"planes": [{"coef": [0, 0, 1, 0.3]}]}, r"collision_objects\[0\]\.planes is "),
-        ({"primitives": [], "primitive_poses": []}, "object 'ball': it has 0 primitives"),
-        ({"poze": NOWHERE}, r"collision_objects\[0\]\.poze is no field .* did you mean 'pose'"),
+        (
+            {"operation": 3},
+            ("world.collision_objects[0].operation", "ADD, REMOVE, APPEND", "not 3"),
+        ),
+        ({"planes": [{"coef": [0, 0, 1, 0.3]}]}, ("collision_objects[0].planes", "0.3")),
+        ({"primitives": [], "primitive_poses": []}, ("object 'ball'", "0 primitives")),
+        ({"poze": NOWHERE}, ("collision_objects[0].poze", "'pose'")),
     ],
 )
 def test_what_changes_an_object_is_not_passed_over(
-    tmp_path: Path, fields: dict[str, Any], message: str
+    tmp_path: Path, fields: dict[str, Any], message: tuple[str, ...]
 ) -> None:
-    with pytest.raises(InputError, match=message):
+    with refused(*message):
         mo.load_scene(written(tmp_path, scene_of(ball(**fields))))
 
 
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"is_diff": True}, r"message.yaml: is_diff is True"),
-        ({"link_padding": [{"link_name": "a", "padding": 0.02}]}, r"link_padding\[0\]\.padding"),
-        ({"link_scale": [{"link_name": "a", "scale": 1.1}]}, r"link_scale\[0\]\.scale is 1.1"),
+        ({"is_diff": True}, ("message.yaml", "is_diff is True")),
+        (
+            {"link_padding": [{"link_name": "a", "padding": 0.02}]},
+            ("link_padding[0].padding", "0.02"),
+        ),
+        ({"link_scale": [{"link_name": "a", "scale": 1.1}]}, ("link_scale[0].scale is 1.1",)),
         (
             {"robot_state": {"attached_collision_objects": [{"link_name": "hand"}]}},
-            r"robot_state\.attached_collision_objects is ",
+            ("robot_state.attached_collision_objects", "hand"),
         ),
         (
             {"robot_state": {"multi_dof_joint_state": {"transforms": [{"translation": {"x": 1}}]}}},
-            r"robot_state\.multi_dof_joint_state\.transforms is ",
+            ("robot_state.multi_dof_joint_state.transforms",),
         ),
         (
             {"allowed_collision_matrix": {"default_entry_values": [True]}},
-            r"allowed_collision_matrix\.default_entry_values is ",
+            ("allowed_collision_matrix.default_entry_values",),
         ),
         (
             {"allowed_collision_matrix": {"entry_names": ["a", "b"], "entry_values": [[1, 1]]}},
-            r"entry_values must have 2 rows of 2",
+            ("allowed_collision_matrix.entry_values", "2 rows of 2"),
         ),
     ],
 )
 def test_what_changes_a_scene_is_not_passed_over(
-    tmp_path: Path, fields: dict[str, Any], message: str
+    tmp_path: Path, fields: dict[str, Any], message: tuple[str, ...]
 ) -> None:
-    with pytest.raises(InputError, match=message):
+    with refused(*message):
         mo.load_scene(written(tmp_path, scene_of(ball(), **fields)))
 
 
@@ -310,7 +334,7 @@ def test_fields_that_say_nothing_are_read(tmp_path: Path) -> None:
     given["world"]["octomap"] = octomap
     assert mo.load_scene(written(tmp_path, given)).names == ("ball",)
     octomap["octomap"]["data"] = [1]
-    with pytest.raises(InputError, match=r"world\.octomap\.octomap\.data is \[1\]"):
+    with refused("world.octomap.octomap.data is [1]"):
         mo.load_scene(written(tmp_path, given))
 
 
@@ -328,7 +352,7 @@ def test_a_matrix_speaks_of_all_primitives_of_an_object_and_of_links(tmp_path: P
     assert mo.load_scene(path, robot=robot).ignore == touching
     assert mo.load_scene(path).ignore == touching[1:]
     strict = replace(robot, disabled_pairs=(("link 1", "link 2"),))
-    with pytest.raises(InputError, match=r"entry_values\[0\]\[2\] keeps link 2 and link 1 apart"):
+    with refused("entry_values[0][2]", "link 2 and link 1"):
         mo.load_scene(path, robot=strict)
 
 
@@ -388,7 +412,7 @@ def test_limits_of_a_request_are_kept(
 ) -> None:
     path = written(tmp_path, request(planar, START, GOAL, **fields))
     given = mo.tasks.request_cell(path, planar, None)
-    with pytest.raises(InputError, match=r"is a limit, which start and goal cannot hold"):
+    with refused("message.yaml", "limit", next(iter(fields))):
         mo.scene.load_request(path, planar)
     cell = given.solve()
     assert cell.motion.solved
@@ -431,37 +455,52 @@ def rigid(rotation: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"max_velocity_scaling_factor": 1.5}, "max_velocity_scaling_factor must be at most 1"),
-        ({"max_velocity_scaling_factor": -0.1}, "max_velocity_scaling_factor must be above 0"),
-        ({"max_acceleration_scaling_factor": "fast"}, "scaling_factor must be a number"),
-        ({"max_velocity_scaling_facter": 0.1}, "facter is no field .* did you mean"),
+        ({"max_velocity_scaling_factor": 1.5}, ("max_velocity_scaling_factor", "1, not 1.5")),
+        ({"max_velocity_scaling_factor": -0.1}, ("max_velocity_scaling_factor", "0, not -0.1")),
+        (
+            {"max_acceleration_scaling_factor": "fast"},
+            ("max_acceleration_scaling_factor", "number", "'fast'"),
+        ),
+        (
+            {"max_velocity_scaling_facter": 0.1},
+            ("max_velocity_scaling_facter", "'max_velocity_scaling_factor'"),
+        ),
         (
             {"max_cartesian_speed": 0.1, "cartesian_speed_limited_link": "lower"},
-            "cartesian_speed_limited_link is 'lower', whose origin is not the tool's",
+            ("cartesian_speed_limited_link", "'lower'", "tool"),
         ),
-        ({"planner_id": "LIN"}, "planner_id is LIN"),
-        ({"trajectory_constraints": {"constraints": [{"name": "x"}]}}, "trajectory_constraints is"),
-        ({"path_constraints": within(1.0, 0.1, 0.1)}, r"joint_constraints\[0\] keeps b from 0.9"),
-        ({"path_constraints": within(0, 9, 9, "d")}, r"\[0\]\.joint_name must be one of a, b, c"),
-        ({"path_constraints": upright(0.1, link_name="cup")}, r"link_name is 'cup'"),
-        ({"path_constraints": upright(0.1, parameterization=1)}, "parameterization must be 0"),
-        ({"path_constraints": upright(0.1, header={"frame_id": "map"})}, "frame_id is 'map'"),
+        ({"planner_id": "LIN"}, ("planner_id", "LIN")),
+        (
+            {"trajectory_constraints": {"constraints": [{"name": "x"}]}},
+            ("trajectory_constraints", "'x'"),
+        ),
+        ({"path_constraints": within(1.0, 0.1, 0.1)}, ("joint_constraints[0]", "b from 0.9")),
+        (
+            {"path_constraints": within(0, 9, 9, "d")},
+            ("joint_constraints[0].joint_name", "a, b, c", "'d'"),
+        ),
+        ({"path_constraints": upright(0.1, link_name="cup")}, ("link_name", "'cup'")),
+        (
+            {"path_constraints": upright(0.1, parameterization=1)},
+            ("orientation_constraints[0].parameterization", "0,", "X, Y and Z"),
+        ),
+        ({"path_constraints": upright(0.1, header={"frame_id": "map"})}, ("frame_id", "'map'")),
         (
             {"path_constraints": upright(0.1, orientation=[0, 0, 1, 1])},
-            r"orientation_constraints\[0\] keeps tip within \[0.1\] rad, but the start is off by",
+            ("orientation_constraints[0]", "tip", "[0.1] rad", "start"),
         ),
         (
             {"path_constraints": {"position_constraints": [{"link_name": "tip"}]}},
-            r"path_constraints\.position_constraints is",
+            ("path_constraints.position_constraints", "'tip'"),
         ),
-        ({"goal_constraints": [{}, {}]}, "must be one set of goal_constraints, not 2"),
+        ({"goal_constraints": [{}, {}]}, ("goal_constraints", "one set", "not 2")),
     ],
 )
 def test_what_a_request_asks_for_is_not_passed_over(
-    tmp_path: Path, planar: mo.Robot, fields: dict[str, Any], message: str
+    tmp_path: Path, planar: mo.Robot, fields: dict[str, Any], message: tuple[str, ...]
 ) -> None:
     path = written(tmp_path, request(planar, START, GOAL) | fields)
-    with pytest.raises(InputError, match=message):
+    with refused(*message):
         mo.tasks.request_cell(path, planar, None)
 
 
@@ -480,7 +519,7 @@ def test_what_says_nothing_in_a_request_is_read(tmp_path: Path, planar: mo.Robot
 
 def test_a_share_of_no_limit_is_refused(tmp_path: Path) -> None:
     given = request(arm(), [0, 0], [1, 1], max_acceleration_scaling_factor=0.5)
-    with pytest.raises(InputError, match="no limit of acceleration of shoulder, elbow to scale"):
+    with refused("max_acceleration_scaling_factor", "planar_2r", "shoulder, elbow", "qdd_max"):
         mo.tasks.request_cell(written(tmp_path, given), arm(), None)
 
 
@@ -488,13 +527,13 @@ def test_joints_twice_and_goals_of_other_joints_are_refused(tmp_path: Path) -> N
     given = request(arm(), [0, 0], [1, 1])
     aims = given["goal_constraints"][0]["joint_constraints"]
     aims.append({"joint_name": "finger", "position": 0.04})
-    with pytest.raises(InputError, match="the goal moves finger"):
+    with refused("goal", "finger", "planar_2r"):
         mo.scene.load_request(written(tmp_path, given), arm())
     aims[-1] = aims[0]
-    with pytest.raises(InputError, match="the goal has shoulder twice"):
+    with refused("goal", "shoulder", "twice"):
         mo.scene.load_request(written(tmp_path, given), arm())
     given["start_state"]["joint_state"] |= {"velocity": [0.0, 0.1]}
-    with pytest.raises(InputError, match=r"start_state\.joint_state\.velocity is \[0.0, 0.1\]"):
+    with refused("start_state.joint_state.velocity is [0.0, 0.1]"):
         mo.scene.load_request(written(tmp_path, given), arm())
 
 
@@ -505,7 +544,7 @@ def test_the_command_line_knows_links_as_frames(
     scene = written(tmp_path, scene_of(ball("camera"))).rename(tmp_path / "scene.yaml")
     task = written(tmp_path, request(planar, START, GOAL))
     assert main(["solve", str(task), *robot, "--scene", str(scene)]) == 2
-    assert "collision_objects[0].header.frame_id is 'camera'" in capsys.readouterr().err
+    tells(capsys.readouterr().err, "collision_objects[0].header.frame_id", "'camera'")
 
 
 def test_a_start_that_touches_by_less_than_the_fit_stands_out_names_the_remedy() -> None:
@@ -514,5 +553,5 @@ def test_a_start_that_touches_by_less_than_the_fit_stands_out_names_the_remedy()
     robot = robot.with_capsules({2: [capsule]})
     tip = np.array(mo.forward_kinematics(robot, frame=2)([0.0, 0.0]))[:3, 3]
     scene = mo.Scene([mo.Sphere(tip + np.array([0.4, 0.14, 0.0]), 0.1, "ball")])
-    with pytest.raises(InputError, match=r"by 10 mm at link 'forearm', whose capsules stand out"):
+    with refused("'ball'", "10 mm", "link 'forearm'", "20 mm"):
         mo.time_optimal(robot, [[0.0, 0.0], [0.5, 0.5]], scene=scene)
