@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from microbot_ocp import InputError
+from helpers import refused, tells
 from microbot_ocp.ocp import (
     Guess,
     OptimalControlProblem,
@@ -42,12 +42,11 @@ def test_the_worst_row_is_named_with_place_amount_and_unit(solver):
     said = lines(crane(), 10, guess, solver=solver, max_iterations=1)
     assert said[0] == Status.ITERATION_LIMIT.sentence
     (worst,) = (line for line in said if line.startswith("Most violated: "))
-    assert "in phase 'lift' at t = " in worst
+    tells(worst, "phase 'lift'", "t = ")
     assert worst.endswith((" m.", " m/s."))
-    (start,) = (line for line in said if line.startswith("The guess is no trajectory"))
+    (start,) = (line for line in said if "guess" in line and "no trajectory" in line)
     # one interval of 1 s at 7 m/s, and a guess that stands still
-    assert "violates the dynamics of height in phase 'lift' at t = " in start
-    assert " s, by 7 m; " in start
+    tells(start, "dynamics of height", "phase 'lift'", "t = ", "7 m")
     assert said[-1].startswith("Call explain(problem, mesh, solution)")
 
 
@@ -66,10 +65,8 @@ def test_a_good_guess_is_not_blamed():
 
 def test_bad_scales_are_named_with_what_would_do():
     said = lines(crane(1e-5), solver="ipopt", max_iterations=3)
-    (line,) = (
-        line for line in said if line.startswith("The state height of phase 'lift' reaches ")
-    )
-    assert line.endswith("of 1e-05: declare scale=10.")
+    (line,) = (line for line in said if "state height" in line and "scale=" in line)
+    tells(line, "phase 'lift'", "1e-05", "scale=10")
 
 
 def test_rows_that_are_badly_scaled_are_named():
@@ -77,8 +74,8 @@ def test_rows_that_are_badly_scaled_are_named():
     (phase,) = problem.phases
     phase.constraint("power", 1e7 * phase.states[1].symbol, upper=1e9, unit="W", scale=1.0)
     said = lines(problem, solver="ipopt", max_iterations=1)
-    named = "The constraint power of phase 'lift' changes by 1e+08 times its scale of 1 "
-    assert any(line.startswith(named) for line in said)  # speed is seen in 10 m/s
+    (line,) = (line for line in said if "constraint power" in line)
+    tells(line, "phase 'lift'", "1e+08 times", "scale of 1")  # speed is seen in 10 m/s
 
 
 def overdetermined() -> OptimalControlProblem:
@@ -105,16 +102,14 @@ def test_a_solver_that_breaks_down_is_an_attempt_and_the_chain_goes_on():
     assert first.broke_down
     assert first.message.startswith("Assertion failed: number_of_eq_constraints")
     assert "\n" not in first.message
-    assert (
-        "There are 13 equations (dynamics of x, constraint a, constraint b, constraint c, start "
-        "condition of x) for 8 variables in interval 1 of phase 'one': leave some out."
-    ) in solution.advice.splitlines()
+    (line,) = (line for line in solution.advice.splitlines() if "13 equations" in line)
+    tells(line, *(f"constraint {name}" for name in "abc"), "8 variables", "interval 1")
 
 
 def test_options_that_a_solver_does_not_have_are_bad_input():
     for solver in ("ipopt", "fatrop"):
         settings = SolverSettings(solver=solver, options={solver: {"no_such_option": 1}})
-        with pytest.raises(InputError, match=f"options of {solver} were .*no_such_option"):
+        with refused(f"options of {solver}", "no_such_option"):
             solve(crane(), 5, settings=settings)
 
 
@@ -144,16 +139,10 @@ def test_fatrop_ends_where_steps_lead_to_what_is_no_number(scheme):
 def test_a_value_that_is_none_on_the_way_is_named_with_its_variable(capfd):
     settings = SolverSettings(solver="ipopt")
     inside = solve(bent(limited=False), 30, settings=settings, scheme="shooting")
-    assert (
-        "The last iterate gives values that are not finite between mesh points: step of v in "
-        in (inside.advice)
-    )
+    tells(inside.advice, "not finite", "step of v", "phase 'one'", "interval")
     advice = solve(bent(limited=False), 30, settings=settings, scheme="radau").advice
     (line,) = (line for line in advice.splitlines() if "last iterate" in line)
-    assert line.startswith(
-        "The value of the dynamics of state 'v' of phase 'one' is nan at the last"
-    )
-    assert "the arcsine of 1.001, from v = 1.201; " in line
+    tells(line, "dynamics of state 'v'", "phase 'one'", "nan", "arcsine of 1.001", "v = 1.201")
     assert capfd.readouterr() == ("", "")
 
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from helpers import sampled
-from microbot_ocp import InputError
+from helpers import refused, sampled, tells
 from microbot_ocp.ocp import OptimalControlProblem, solve, verify
 
 
@@ -29,13 +28,13 @@ def test_a_link_and_the_ends_that_it_ties():
     assert solution.solved
     assert len(solution.attempts) <= 3
     assert solution.duration == pytest.approx(1.6 * np.sqrt(2 / 9.81), rel=1e-6)
-    assert "start condition of h in phase 'rise' follows from link of h" in solution.advice
+    tells(solution.advice, "Left out", "start condition of h", "phase 'rise'", "link of h")
     assert verify(bounce(initial=0.0), solution).ok
     assert "Left out" not in solve(bounce()).advice
 
 
 def test_a_link_and_ends_that_differ_are_refused_before_a_solver_starts(no_solver):
-    with pytest.raises(InputError, match="start condition of h in phase 'rise' contradicts link"):
+    with refused("start condition of h", "phase 'rise'", "contradicts", "link of h"):
         solve(bounce(initial=0.5))
 
 
@@ -106,5 +105,5 @@ AGAINST = {
 
 @pytest.mark.parametrize("kind", AGAINST)
 def test_a_contradiction_is_named_before_a_solver_starts(kind, no_solver):
-    with pytest.raises(InputError, match="in phase 'a' contradicts"):
+    with refused("phase 'a'", "contradicts"):
         solve(mover(AGAINST[kind]), 8)

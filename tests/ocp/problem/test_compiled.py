@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
-from helpers import sampled
-from microbot_ocp import InputError, ocp
+from helpers import refused, sampled
+from microbot_ocp import ocp
 from microbot_ocp._base.codegen import compile_function
 
 needs_compiler = pytest.mark.skipif(mo.compiler() is None, reason="no C compiler")
@@ -146,7 +146,7 @@ def mass(function, where="dynamics"):
 @pytest.mark.parametrize("kind", FOREIGN)
 def test_what_has_none_is_refused_before_a_solver_starts(kind, where, tmp_path, no_solver):
     function = FOREIGN[kind](tmp_path)
-    with pytest.raises(InputError, match="which has no second derivatives"):
+    with refused("phase 'a'", "second derivatives", "enable_fd"):
         ocp.solve(mass(function, where), 5)
 
 

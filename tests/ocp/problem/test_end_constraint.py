@@ -1,13 +1,10 @@
 """Conditions and costs at the end of a phase, and which symbols an expression may use where."""
 
-import re
-
 import casadi as ca
 import numpy as np
 import pytest
 
-from helpers import crossed
-from microbot_ocp import InputError
+from helpers import crossed, refused
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase
 from microbot_ocp.ocp.solvers import SolverSettings
 from microbot_ocp.ocp.transcription import Guess, Transcription
@@ -91,22 +88,22 @@ def undeclared(phase: Phase, x, u):
 @pytest.mark.parametrize(
     ("declare", "said"),
     [
-        (end_cost_of_a_step, "phase 'go' uses 'go.u', which has no value at the end"),
-        (end_constraint_of_a_step, "phase 'go' uses 'go.u', which has no value at the end"),
-        (undeclared, "phase 'go' uses 'k', which is no variable of its own"),
+        (end_cost_of_a_step, ("end cost", "phase 'go'", "'go.u'", "shape 'linear'")),
+        (end_constraint_of_a_step, ("end constraint", "phase 'go'", "'go.u'", "shape 'linear'")),
+        (undeclared, ("phase 'go'", "'k'", "parameter()")),
     ],
 )
 def test_what_an_expression_cannot_know_is_refused_by_name(declare, said):
     problem, phase, x, _, u = point()
     declare(phase, x, u)
-    with pytest.raises(InputError, match=re.escape(said)):
+    with refused(*said):
         Transcription(problem)
 
 
 def test_the_rate_of_a_linear_control_has_no_value_at_the_end():
     problem, phase, _, _, u = point(shape="linear")
     phase.end_cost(ca.sumsqr(phase.rate(u)))
-    with pytest.raises(InputError, match=re.escape("'go.u.rate', which has no value at the end")):
+    with refused("phase 'go'", "'go.u.rate'", "shape 'linear'"):
         problem.check()
 
 
@@ -115,7 +112,7 @@ def test_a_state_of_another_phase_is_refused():
     other = problem.phase("other", 1.0)
     other.derivative(other.state("x"), x)
     problem.link(phase, other)
-    with pytest.raises(InputError, match=re.escape("phase 'other' uses 'go.x'")):
+    with refused("phase 'other'", "'go.x'", "link()"):
         problem.check()
 
 
@@ -123,13 +120,13 @@ def test_a_state_of_another_phase_is_refused():
 def test_a_cost_is_one_number(kind):
     _, phase, x, y, _ = point()
     declare = phase.running_cost if kind == "running" else phase.end_cost
-    with pytest.raises(InputError, match=rf"{kind} cost of phase 'go' must be one number"):
+    with refused(f"{kind} cost", "phase 'go'", "one number", "(2, 1)"):
         declare(ca.vertcat(x, y))
 
 
 def test_a_crossed_condition_of_the_end_is_refused():
     _, phase, x, _, _ = point()
-    with pytest.raises(InputError, match="bounds of 'ring' are crossed"):
+    with refused("bounds of 'ring'", "lower 2", "upper 1"):
         phase.end_constraint("ring", x, 2.0, 1.0)
 
 

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
+from helpers import refused
 from microbot_ocp import InputError, ocp
 
 
@@ -27,13 +28,12 @@ def declared(size=2):
         ("set_initial", "guess="),
         ("solve", "ocp.solve"),
         ("method", "scheme="),
-        ("phases_", "did you mean 'phases'"),
+        ("phases_", "mean 'phases'"),
     ],
 )
 def test_a_problem_knows_foreign_words(word, ours):
-    with pytest.raises(AttributeError, match=word) as said:
+    with refused(f"'{word}'", ours, error=AttributeError):
         getattr(declared()[0], word)
-    assert ours in str(said.value)
 
 
 @pytest.mark.parametrize(
@@ -46,9 +46,8 @@ def test_a_problem_knows_foreign_words(word, ours):
     ],
 )
 def test_so_does_a_phase(word, ours):
-    with pytest.raises(AttributeError) as said:
+    with refused(f"'{word}'", ours, error=AttributeError):
         getattr(declared()[1], word)
-    assert ours in str(said.value)
 
 
 def test_so_do_solutions_and_modules():
@@ -66,9 +65,8 @@ def test_so_do_solutions_and_modules():
         (mo, "Ocp", "OptimalControlProblem"),
         (ocp, "MultipleShooting", "scheme="),
     ):
-        with pytest.raises(AttributeError) as said:
+        with refused(f"'{word}'", ours, error=AttributeError):
             getattr(thing, word)
-        assert ours in str(said.value)
         assert not hasattr(thing, word)
 
 
@@ -79,13 +77,12 @@ def test_so_do_solutions_and_modules():
         ({"intervals": 20}, "mesh="),
         ({"solver": "ipopt"}, "settings="),
         ({"tol": 1e-6}, "settings="),
-        ({"acuracy": 1e-6}, "did you mean 'accuracy'"),
+        ({"acuracy": 1e-6}, "mean 'accuracy'"),
     ],
 )
 def test_an_argument_of_another_name_is_refused_with_ours(given, ours):
-    with pytest.raises(InputError) as said:
+    with refused("solve()", *map(repr, given), ours):
         ocp.solve(declared()[0], **given)
-    assert ours in str(said.value)
     with pytest.raises(TypeError):  # as Python has it
         ocp.solve(declared()[0], **given)
 
@@ -95,22 +92,22 @@ def test_an_argument_of_another_name_is_refused_with_ours(given, ours):
     [{"integer": True}, {"discrete": True}, {"shape": "integer"}, {"shape": "binary"}],
 )
 def test_there_are_no_integer_controls(given):
-    with pytest.raises(InputError, match="no integer controls"):
+    with refused("integer controls", "relax"):
         declared()[1].control("mode", lower=0.0, upper=1.0, **given)
 
 
 @pytest.mark.parametrize("duration", [None, "free", (1.0, None), (0.1, np.inf), ()])
 def test_a_free_duration_is_a_range(duration):
-    with pytest.raises(InputError, match=r"\(0.1, 100.0\)"):
+    with refused("duration of phase 'a'", "(0.1, 100.0)"):
         ocp.OptimalControlProblem("p").phase("a", duration)
 
 
 @pytest.mark.parametrize("kind", ["constraint", "end_constraint", "point_constraint"])
 def test_a_name_goes_first(kind):
     _, phase, x, _ = declared()
-    with pytest.raises(InputError, match="a name goes first"):
+    with refused("name must", "MX", "name goes first"):
         getattr(phase, kind)(x <= 5.0)
-    with pytest.raises(InputError, match="a name goes first"):
+    with refused("name must", "MX", "name goes first"):
         getattr(phase, kind)(phase.duration, 0.0, 1.0)
 
 
@@ -125,7 +122,7 @@ MIXED = {
 
 @pytest.mark.parametrize("how", MIXED)
 def test_symbols_of_both_kinds_do_not_mix(how):
-    with pytest.raises(InputError, match=r"casadi.SX.*do not mix"):
+    with refused("a.x", "casadi.MX", "casadi.SX", "mix"):
         MIXED[how](declared()[2], ca.SX.sym("k", 2))
 
 
@@ -184,7 +181,7 @@ def test_an_entry_by_the_value_of_an_expression_is_refused(how, where, no_solver
         phase.running_cost(entry * x)
     if where == "end":
         phase.end_cost(entry + x)
-    with pytest.raises(InputError, match="interpolant"):
+    with refused("phase 'a'", "casadi.interpolant"):
         ocp.solve(problem, 4)
 
 
@@ -207,7 +204,7 @@ def test_phases_without_a_state_in_common_are_not_linked_in_silence():
     a.derivative(a.state("x", initial=0.0), 1.0)
     y = b.state("y")
     b.derivative(y, 1.0)
-    with pytest.raises(InputError, match="no state in common"):
+    with refused("'a' and 'b'", "x and y", "names=()"):
         problem.link(a, b)
     problem.link(a, b, names=())
 

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from helpers import refused
 from microbot_ocp import ocp
 from microbot_ocp.ocp.transcription import mesh_of
 
@@ -139,6 +140,6 @@ def test_what_calls_python_says_why_it_stays():
     phase = problem.phase("up", (0.1, 10.0))
     x = phase.state("x", initial=0.0, final=1.0)
     phase.derivative(x, ocp.numeric_function(np.cos)(x))
-    with pytest.raises(pickle.PicklingError, match=r"numeric_function.*stays in its process"):
+    with refused("numeric_function", "casadi.Callback", "process", error=pickle.PicklingError):
         pickle.dumps(problem)
     assert copy.deepcopy(problem).phases[0].states[0].name == "x"

@@ -1,12 +1,10 @@
 """What a declaration of an optimal-control problem refuses, and in which words."""
 
-import re
-
 import casadi as ca
 import numpy as np
 import pytest
 
-from microbot_ocp import InputError
+from helpers import refused, tells
 from microbot_ocp.ocp.problem import OptimalControlProblem, tied_controls
 from microbot_ocp.ocp.solvers import ParametricSolver, SolverSettings
 from microbot_ocp.ocp.starts import completed, default_guess
@@ -57,20 +55,20 @@ def idle_control():
 @pytest.mark.parametrize(
     ("check", "said"),
     [
-        (no_phases, "problem 'test' has no phases"),
-        (no_states, "phase 'move' has no states"),
-        (no_dynamics, "state 'y' of phase 'move' has no dynamics"),
-        (not_linked, "phase 'second' is not linked to 'first'"),
-        (idle_control, "control 'u' of phase 'move' appears nowhere"),
+        (no_phases, ("'test'", "no phases")),
+        (no_states, ("phase 'move'", "no states")),
+        (no_dynamics, ("state 'y'", "phase 'move'", "no dynamics")),
+        (not_linked, ("phase 'second'", "'first'", "link()")),
+        (idle_control, ("control 'u'", "phase 'move'", "nowhere")),
     ],
 )
 def test_an_incomplete_problem_is_refused_by_name(check, said):
-    with pytest.raises(InputError, match=re.escape(said)):
+    with refused(*said):
         check()
 
 
 def test_a_transcription_checks_the_problem_first():
-    with pytest.raises(InputError, match="has no phases"):
+    with refused("'test'", "no phases"):
         Transcription(OptimalControlProblem("test"))
 
 
@@ -85,63 +83,72 @@ def test_a_control_that_is_used_by_its_rate_only_is_used():
 @pytest.mark.parametrize(
     ("declare", "said"),
     [
-        (lambda p: p.state("x", lower=2.0, upper=1.0, unit="m"), "lower 2 is above upper 1 m"),
-        (lambda p: p.state("x", initial=(1.0, 0.0)), "bounds of 'initial x' are crossed"),
+        (
+            lambda p: p.state("x", lower=2.0, upper=1.0, unit="m"),
+            ("bounds of 'x'", "lower 2", "upper 1 m"),
+        ),
+        (
+            lambda p: p.state("x", initial=(1.0, 0.0)),
+            ("bounds of 'initial x'", "lower 1", "upper 0"),
+        ),
         (
             lambda p: p.state("x", upper=1.0, final=2.0),
-            "final x must be within its bounds, -inf to 1",
+            ("final x", "-inf to 1", "not 2"),
         ),
-        (lambda p: p.state("x", 2, initial=[0.0] * 3), "initial x must have shape [2], not [3]"),
-        (lambda p: p.state("x", 2, lower=[0.0, 1.0, 2.0]), "lower x must have shape [2], not [3]"),
-        (lambda p: p.state("x", upper=np.nan), "upper x must be finite, but entry [0] is nan"),
-        (lambda p: p.state("x", scale=0.0), "scale of 'x' must be finite and above 0, not 0.0"),
-        (lambda p: (p.state("x"), p.control("x")), "'x' is declared twice in phase 'move'"),
-        (lambda p: p.state("x", 0), "size of 'x' must be at least 1, not 0"),
-        (lambda p: p.state("x", 1.5), "size of 'x' must be a whole number, not 1.5"),
-        (lambda p: (p.parameter("k", 1), p.parameter("k", 2)), "parameter 'k' is declared twice"),
-        (lambda p: p.parameter("k", np.inf), "parameter 'k' must be finite"),
-        (lambda p: p.control("u", shape="cubic"), "shape must be one of auto, constant, linear"),
+        (lambda p: p.state("x", 2, initial=[0.0] * 3), ("initial x", "[2]", "[3]")),
+        (lambda p: p.state("x", 2, lower=[0.0, 1.0, 2.0]), ("lower x", "[2]", "[3]")),
+        (lambda p: p.state("x", upper=np.nan), ("upper x", "[0]", "nan")),
+        (lambda p: p.state("x", scale=0.0), ("scale of 'x'", "above 0", "0.0")),
+        (lambda p: (p.state("x"), p.control("x")), ("'x'", "twice", "phase 'move'")),
+        (lambda p: p.state("x", 0), ("size of 'x'", "at least 1", "not 0")),
+        (lambda p: p.state("x", 1.5), ("size of 'x'", "whole number", "1.5")),
+        (lambda p: (p.parameter("k", 1), p.parameter("k", 2)), ("parameter 'k'", "twice")),
+        (lambda p: p.parameter("k", np.inf), ("parameter 'k'", "[0]", "inf")),
+        (lambda p: p.control("u", shape="cubic"), ("shape", "auto, constant, linear", "'cubic'")),
         (
             lambda p: p.control("u", initial=0.0, shape="constant"),
-            "control 'u' is constant: initial and final need",
+            ("control 'u'", "constant", "shape='linear'"),
         ),
         (
             lambda p: p.control("u", final=0.0, shape="polynomial"),
-            "control 'u' is polynomial: initial and final need",
+            ("control 'u'", "polynomial", "shape='linear'"),
         ),
         (
             lambda p: p.rate(p.control("u", shape="constant")),
-            "rate needs a control of shape 'linear'",
+            ("rate needs", "shape 'linear'", "phase 'move'"),
         ),
-        (lambda p: p.derivative(p.control("u"), 1.0), "derivative needs a state of phase 'move'"),
-        (lambda p: p.derivative(p.state("x", 2), 1.0), "derivative of 'x' must have shape (2, 1)"),
+        (
+            lambda p: p.derivative(p.control("u"), 1.0),
+            ("derivative needs", "phase 'move'", "move.u"),
+        ),
+        (lambda p: p.derivative(p.state("x", 2), 1.0), ("derivative of 'x'", "(2, 1)", "(1, 1)")),
         (
             lambda p: p.constraint("c", p.state("x"), 3.0, 2.0, unit="N"),
-            "bounds of 'c' are crossed: lower 3 is above upper 2 N",
+            ("bounds of 'c'", "lower 3", "upper 2 N"),
         ),
     ],
 )
 def test_a_wrong_declaration_is_refused_in_words(declare, said):
-    with pytest.raises(InputError, match=re.escape(said)):
+    with refused(*said):
         declare(empty_phase())
 
 
 @pytest.mark.parametrize("duration", [0.0, -1.0, np.nan, np.inf, (2.0, 1.0), (0.0, 1.0)])
 def test_a_duration_that_is_no_duration_is_refused(duration):
-    with pytest.raises(InputError, match="duration of phase 'move'"):
+    with refused("duration of phase 'move'", "(0.1, 100.0)"):
         empty_phase(duration)
 
 
 @pytest.mark.parametrize("points", [(0.0,), (0.5, 1.0), (-0.1,), (1.5,)])
 def test_interior_points_lie_inside_an_interval(points):
-    with pytest.raises(InputError, match="interior_points must be fractions inside"):
+    with refused("interior_points", "(0, 1)", points):
         empty_phase(interior_points=points)
 
 
 def test_a_phase_name_is_used_once():
     problem = OptimalControlProblem("test")
     problem.phase("move", 1.0)
-    with pytest.raises(InputError, match="phase 'move' is declared twice"):
+    with refused("phase 'move'", "twice"):
         problem.phase("move", 1.0)
 
 
@@ -150,29 +157,29 @@ def test_only_neighbours_with_the_same_variables_are_linked():
     first, second, third = (moving_phase(problem, name) for name in ("one", "two", "three"))
     second.state("wide", 2)
     third.state("wide", 3)
-    with pytest.raises(InputError, match="phase 'three' must follow 'one'"):
+    with refused("phase 'three'", "follow 'one'", "linked"):
         problem.link(first, third)
     for name in ("y", "wide"):
-        with pytest.raises(InputError, match=f"'{name}' cannot be linked"):
+        with refused(f"'{name}'", "linked", "'two' and 'three'"):
             problem.link(second, third, [name])
 
 
 @pytest.mark.parametrize(
     ("mesh", "said"),
     [
-        (1, "mesh must have at least 2 intervals, not 1"),
-        (-3, "mesh must have at least 2 intervals, not -3"),
-        ([5, 5], "mesh has 2 entries for 1 phases"),
-        ([[0.0, 0.5, 0.9]], "mesh must be increasing fractions from 0 to 1"),
-        ([[0.1, 0.5, 1.0]], "mesh must be increasing fractions from 0 to 1"),
-        ([[0.0, 0.5, 0.5, 1.0]], "mesh must be increasing fractions from 0 to 1"),
-        ([[0.0, np.nan, 1.0]], "mesh must be finite"),
-        ([20.0], "mesh must be a whole number of intervals or fractions, not 20.0"),
-        (20.0, "mesh must be a whole number of intervals or fractions, not 20.0"),
+        (1, ("mesh", "2 intervals", "not 1")),
+        (-3, ("mesh", "2 intervals", "not -3")),
+        ([5, 5], ("mesh", "2 entries", "1 phases")),
+        ([[0.0, 0.5, 0.9]], ("mesh", "increasing", "0 to 1")),
+        ([[0.1, 0.5, 1.0]], ("mesh", "increasing", "0 to 1")),
+        ([[0.0, 0.5, 0.5, 1.0]], ("mesh", "increasing", "0 to 1")),
+        ([[0.0, np.nan, 1.0]], ("mesh", "[1]", "nan")),
+        ([20.0], ("mesh", "whole number", "20.0")),
+        (20.0, ("mesh", "whole number", "20.0")),
     ],
 )
 def test_a_wrong_mesh_is_refused_before_a_solver_starts(mesh, said, no_solver):
-    with pytest.raises(InputError, match=re.escape(said)):
+    with refused(*said):
         solve(double_integrator(), mesh)
 
 
@@ -185,15 +192,15 @@ def test_a_mesh_is_a_number_or_fractions(mesh):
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        ({"x": 0.0, "v": [0.0, 1.0]}, "must have shape [5, 1], not [2, 1]"),
-        ({"x": np.zeros((4, 1)), "v": 0.0}, "guess of 'x' in phase 'move' must have shape [5, 1]"),
-        ({"x": lambda s: s[1:], "v": 0.0}, "must have shape [5, 1], not [4, 1]"),
-        ({"x": 0.0, "v": np.nan}, "guess of 'v' in phase 'move' must be finite"),
-        ({"x": 0.0, "v": 0.0, "u": np.inf}, "guess of 'u' in phase 'move' must be finite"),
+        ({"x": 0.0, "v": [0.0, 1.0]}, ("guess of 'v'", "[5, 1]", "[2, 1]")),
+        ({"x": np.zeros((4, 1)), "v": 0.0}, ("guess of 'x'", "phase 'move'", "[5, 1]", "[4, 1]")),
+        ({"x": lambda s: s[1:], "v": 0.0}, ("guess of 'x'", "[5, 1]", "[4, 1]")),
+        ({"x": 0.0, "v": np.nan}, ("guess of 'v'", "phase 'move'", "finite")),
+        ({"x": 0.0, "v": 0.0, "u": np.inf}, ("guess of 'u'", "phase 'move'", "finite")),
     ],
 )
 def test_a_wrong_guess_is_refused_before_a_solver_starts(values, said, no_solver):
-    with pytest.raises(InputError, match=re.escape(said)):
+    with refused(*said):
         solve(double_integrator(), 4, {"move": Guess(1.0, values)})
 
 
@@ -206,14 +213,13 @@ def test_a_guess_of_a_scalar_may_be_a_row_or_a_column():
 
 @pytest.mark.parametrize("duration", [np.nan, np.inf])
 def test_a_guess_has_a_finite_duration(duration, no_solver):
-    with pytest.raises(InputError, match="guess of the duration of phase 'move' must be finite"):
+    with refused("guess", "duration of phase 'move'", "finite"):
         solve(double_integrator(), 4, {"move": Guess(duration, {"x": 0.0, "v": 0.0})})
 
 
 def test_a_guess_of_a_phase_that_there_is_not_is_refused(no_solver):
     guess = {"third": Guess(1.0, {"x": 0.0, "v": 0.0})}
-    said = r"guess has phase 'third'; the problem has \['first', 'second'\]"
-    with pytest.raises(InputError, match=said):
+    with refused("guess", "'third'", "['first', 'second']"):
         solve(through_half_way(("x", "v")), 4, guess)
 
 
@@ -238,9 +244,7 @@ def test_a_control_without_a_shape_has_that_of_its_scheme():
 
 
 def test_an_unknown_solver_is_refused_with_those_there_are(no_solver):
-    with pytest.raises(
-        InputError, match="solver must be one of auto, fatrop, ipopt, sqp, not 'snopt'"
-    ):
+    with refused("solver", "auto, fatrop", "ipopt, sqp", "'snopt'"):
         solve(double_integrator(), 4, settings=SolverSettings(solver="snopt"))
 
 
@@ -254,20 +258,20 @@ def test_links_default_to_the_states_of_both_phases():
 @pytest.mark.parametrize(
     ("settings", "said"),
     [
-        ({"tolerance": -1.0}, "tolerance must be above 0, not -1"),
-        ({"max_iterations": 0.5}, "max_iterations must be a whole number, not 0.5"),
-        ({"max_iterations": -1}, "max_iterations must be at least 0, not -1"),
-        ({"initial_barrier": 0.0}, "initial_barrier must be above 0, not 0"),
+        ({"tolerance": -1.0}, ("tolerance", "above 0", "-1.0")),
+        ({"max_iterations": 0.5}, ("max_iterations", "whole number", "0.5")),
+        ({"max_iterations": -1}, ("max_iterations", "at least 0", "-1")),
+        ({"initial_barrier": 0.0}, ("initial_barrier", "above 0", "0.0")),
     ],
 )
 def test_wrong_settings_are_refused(settings, said):
-    with pytest.raises(InputError, match=said):
+    with refused(*said):
         SolverSettings(**settings)
 
 
 def test_a_guess_of_what_there_is_not_is_refused(no_solver):
     guess = {"move": Guess(1.0, {"x": 0.0, "v": 0.0, "u": 0.0, "speed": 1.0})}
-    with pytest.raises(InputError, match="guess of phase 'move' has 'speed', which is none of its"):
+    with refused("guess of phase 'move'", "'speed'", "x, v, u"):
         solve(double_integrator(), 5, guess)
 
 
@@ -313,7 +317,7 @@ def test_a_state_may_be_a_matrix_with_shapes_everywhere():
 def test_a_derivative_of_another_shape_is_refused():
     phase = OptimalControlProblem("turn").phase("all", duration=1.0)
     frame = phase.state("frame", (2, 3))
-    with pytest.raises(InputError, match=r"must have shape \(2, 3\), not \(3, 2\)"):
+    with refused("derivative of 'frame'", "(2, 3)", "(3, 2)"):
         phase.derivative(frame, frame.T)
 
 
@@ -323,7 +327,7 @@ def test_a_jump_is_of_a_state_that_the_next_phase_has():
     x = first.state("x", initial=1.0)
     first.derivative(x, 0.0)
     second.derivative(second.state("x"), 0.0)
-    with pytest.raises(InputError, match="jumps"):
+    with refused("jumps", "'v'", "'x'"):
         problem.link(first, second, jumps={"v": 2.0 * x})
     problem.link(first, second, jumps={"x": 2.0 * x})
     assert problem.links[0].names == ()
@@ -337,7 +341,7 @@ def test_a_problem_and_its_program_say_their_sizes():
     phase.derivative(table, ca.MX.ones(2, 3))
     assert "states table [2,3]" in repr(problem)
     said = repr(ParametricSolver(problem, mesh=4).program)
-    assert "variables" in said
+    tells(said, "variables")
     assert len(said) < 200
 
 

@@ -6,8 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from helpers import crossed
-from microbot_ocp import InputError
+from helpers import crossed, refused
 from microbot_ocp.ocp import (
     OptimalControlProblem,
     ParametricSolver,
@@ -107,7 +106,7 @@ def test_measurements_change_from_solve_to_solve():
     first = solver.solve()
     second = solver.solve(parameters={"decay": {"y": np.exp(-3.0 * TIMES)}}, guess=first)
     assert second.parameters["rate"] == pytest.approx([3.0], rel=1e-5)
-    with pytest.raises(InputError, match="costs or constraints at given times"):
+    with refused("phase 'decay'", "given times", "duration"):
         solver.solve(durations={"decay": 2.0})
 
 
@@ -318,13 +317,13 @@ def test_a_template_is_repeated_with_data_of_its_own():
     assert [p["x"][0, 0] for p in solution.phases] == pytest.approx([1.0, 2.0, 3.0], abs=1e-7)
     assert verify(problem, solution).ok
     phase.start  # noqa: B018
-    with pytest.raises(InputError, match="takes the last phase"):
+    with refused("repeat", "last phase", "'experiment'"):
         problem.repeat(phase, 2)
 
 
 def test_two_components_with_a_pair_are_ambiguous():
     phase = OptimalControlProblem("pair").phase("go", 1.0)
-    with pytest.raises(InputError, match="may mean two values or a range"):
+    with refused("initial x", "(1.0, 2.0)", "two values", "[1.0, 2.0]"):
         phase.state("x", 2, initial=(1.0, 2.0))
 
 
@@ -341,7 +340,7 @@ def test_functions_of_numbers_are_differentiated_by_differences():
     assert solution.solved
     assert solution.cost == pytest.approx(2 * np.log(2.0), rel=1e-5)
     assert verify(problem, solution).ok
-    with pytest.raises(InputError, match="every size must be at least 1, not 0"):
+    with refused("size", "at least 1", "not 0"):
         numeric_function(np.sin, sizes=(0,))
 
 
@@ -360,29 +359,29 @@ def refusals():
 
 def test_what_cannot_be_said_is_refused_by_name():
     problem, phase, x, fixed, z, y = refusals()
-    with pytest.raises(InputError, match="phase 'go' has a free duration"):
+    with refused("point cost", "phase 'go'", "free duration"):
         phase.point_cost(x**2, at=1.0)
-    with pytest.raises(InputError, match="must be within phase 'stay', 0 to 1 s"):
+    with refused("at must", "phase 'stay'", "0 to 1 s", "1.5 s"):
         fixed.value(z, at=1.5)
-    with pytest.raises(InputError, match="needs times"):
+    with refused("point cost", "phase 'stay'", "at=..."):
         fixed.point_cost(z**2)
-    with pytest.raises(InputError, match="differ in times"):
+    with refused("point cost", "phase 'stay'", "['y'] and at"):
         fixed.point_cost((z - y) ** 2, at=0.25)
-    with pytest.raises(InputError, match="must increase"):
+    with refused("point cost", "increase", "[0.5, 0.5]"):
         fixed.point_cost(z**2, at=[0.5, 0.5])
     fixed.end_cost(x)
-    with pytest.raises(InputError, match="initial"):
+    with refused("phase 'stay'", "'go.x'", "initial()"):
         problem.check()
     problem, phase, x, fixed, z, y = refusals()
     fixed.running_cost((z - y) ** 2)
-    with pytest.raises(InputError, match=r"uses measurement 'stay\.y'"):
+    with refused("phase 'stay'", "measurement 'stay.y'", "point_cost()"):
         problem.check()
     problem, phase, *_ = refusals()
     z = problem.free_parameter("z")
     phase.end_cost(z)
-    with pytest.raises(InputError, match="phase 'stay' has a variable 'z' of its own"):
+    with refused("phase 'stay'", "variable 'z'", "free parameter"):
         problem.phases[1].end_cost(z)
     problem, *_ = refusals()
     problem.free_parameter("mass")
-    with pytest.raises(InputError, match="'mass' appears nowhere"):
+    with refused("free parameter 'mass'", "nowhere"):
         problem.check()

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from microbot_ocp import InputError
+from helpers import refused, tells
 from microbot_ocp.ocp import OptimalControlProblem
 from microbot_ocp.ocp.mesh import state_errors
 from microbot_ocp.ocp.search import solve
@@ -117,7 +117,7 @@ def test_what_is_not_reached_is_said():
     assert broken.status is Status.ITERATION_LIMIT
     for refined in (late, large):
         assert refined.advice.startswith(refined.status.sentence)
-        assert "Missing: state error" in refined.advice
+        tells(refined.advice, "Missing", "state error")
 
 
 @pytest.mark.thorough
@@ -176,7 +176,7 @@ def test_the_time_limit_is_said():
     refined = solved_to(oscillator(), 1e-9, mesh=10, time_limit=1e-3)
     assert refined.status is Status.TIME_LIMIT
     assert len(refined.history) == 1
-    with pytest.raises(InputError, match="time_limit must be above 0 s"):
+    with refused("time_limit", "above 0 s", "0.0"):
         solved_to(oscillator(), 1e-9, time_limit=0.0)
 
 
@@ -227,7 +227,7 @@ def test_a_limit_that_stays_exceeded_is_said():
     refined = solved_to(bryson_denham(TOP, "polynomial"), mesh=[20], scheme="radau", rounds=0)
     assert refined.status is Status.ROUND_LIMIT
     assert refined.advice.startswith(refined.status.sentence)
-    assert "state x of phase 'fly' is still 1e-05 m beyond its limit of 0.111111" in refined.advice
+    tells(refined.advice, "state x", "phase 'fly'", "1e-05 m", "0.111111")
     assert "limit excess" in str(refined.history)
     assert refined.history[0].as_dict()["worst_limit"]["name"] == "x"
 
@@ -241,7 +241,7 @@ def test_a_constraint_that_jumps_with_its_control_is_not_called_kept():
     even = np.linspace(0.0, 1.0, 21)
     refined = solved_to(problem, 1e-6, [even], scheme="radau", rounds=4)
     assert not refined.status.solved
-    assert "constraint power of phase 'move' is still" in refined.advice
+    tells(refined.advice, "constraint power", "phase 'move'")
     assert verify(problem, refined).worst_limit.relative > 1e-5
 
 
@@ -250,7 +250,7 @@ def test_the_history_is_a_table_and_plain_values_and_progress_is_told():
     refined = solved_to(oscillator(), 1e-4, mesh=10, progress=lines.append)
     table = str(refined.history).splitlines()
     assert len(table) == len(refined.history) + 1
-    assert "intervals  variables  state error" in table[0]
+    tells(table[0], "intervals", "variables", "state error")
     stored = json.loads(json.dumps([step.as_dict() for step in refined.history]))
     assert stored[0]["intervals"] == [10]
     assert stored[0]["status"] == "solved"
@@ -259,9 +259,9 @@ def test_the_history_is_a_table_and_plain_values_and_progress_is_told():
 
 @pytest.mark.parametrize("accuracy", [0.0, -1.0, np.nan, "fine"])
 def test_a_bad_accuracy_is_refused(accuracy, no_solver):
-    with pytest.raises(InputError, match="accuracy"):
+    with refused("accuracy of states"):
         solved_to(oscillator(), accuracy)
-    with pytest.raises(InputError, match="accuracy of limits"):
+    with refused("accuracy of limits"):
         solved_to(oscillator(), limits=accuracy)
 
 
@@ -297,8 +297,8 @@ def test_a_control_that_follows_its_dynamics_but_is_too_coarse_is_refined():
 def test_a_cost_that_is_not_reached_is_said():
     refined = solved_to(smooth_effort(), mesh=4, rounds=0)
     assert refined.status is Status.ROUND_LIMIT
-    assert "Missing: error of the cost" in refined.advice
-    with pytest.raises(InputError, match="accuracy of cost"):
+    tells(refined.advice, "Missing", "the cost")
+    with refused("accuracy of cost", "above 0", "0.0"):
         solved_to(smooth_effort(), cost=0.0)
 
 

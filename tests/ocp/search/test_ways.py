@@ -10,7 +10,8 @@ import pytest
 from benchmarks.suite.table import BY_NAME
 
 from external.published_problems import cart_pole_slopes
-from microbot_ocp import InputError, Status
+from helpers import refused, tells
+from microbot_ocp import Status
 from microbot_ocp._base import deadline
 from microbot_ocp._base.child_process import Died, OutOfTime, in_child
 from microbot_ocp.ocp import verify
@@ -49,8 +50,8 @@ def test_fatrop_ends_at_the_time_limit_where_it_would_never():
 def test_a_mesh_that_is_too_coarse_for_the_dynamics_is_no_success():
     solution = solve(hypersensitive(), 50)
     assert solution.status is Status.TOO_COARSE
-    assert "after one interval: an error of 0.05" in solution.advice
-    assert "on a finer mesh" not in {attempt.way for attempt in solution.attempts}
+    tells(solution.advice, "one interval", "0.052")
+    assert all(attempt.way != "on a finer mesh" for attempt in solution.attempts)
     assert abs(solution.cost / 1.3308069 - 1) > 1.0
 
 
@@ -69,7 +70,7 @@ def test_a_solve_in_progress_is_stopped():
     refined = solve(hypersensitive(), 4000, accuracy=1e-9, time_limit=0.3)
     assert refined.status is Status.TIME_LIMIT
     assert deadline.worked() - began < 20.0  # most of it builds the program
-    with pytest.raises(InputError, match="time_limit must be above 0 s"):
+    with refused("time_limit", "above 0 s", "0.0"):
         solve(double_integrator(), 4, time_limit=0.0)
 
 
@@ -165,7 +166,7 @@ def test_a_rollout_follows_the_dynamics():
         guess.values["x"](times).ravel(), 3 * np.exp(-2 * share * times), rtol=1e-3
     )
     assert solve(problem, 10, "rollout").status.solved
-    with pytest.raises(InputError, match="or 'rollout', not 'simulate'"):
+    with refused("guess", "'rollout'", "'simulate'"):
         solve(problem, 10, "simulate")
 
 
@@ -375,11 +376,11 @@ def test_the_least_of_several_optima_beside_which_others_may_be_is_no_solution(
     found = solve(double_integrator())
     assert found.status is Status.LOCAL_OPTIMUM
     assert found.cost == pytest.approx(2.0, rel=1e-6)
-    assert "other starts ended in 1 more" in found.advice
+    tells(found.advice, found.status.sentence, "1 more", "0.2")
     refined = solve(double_integrator(), accuracy=1e-6)
     assert refined.status is Status.LOCAL_OPTIMUM
     assert refined.cost == pytest.approx(2.0, rel=1e-6)
-    assert "a lower cost may" in refined.advice
+    tells(refined.advice, refined.status.sentence)
 
 
 def test_scales_of_states_behind_fast_ones_are_those_of_a_simulation():
@@ -408,7 +409,7 @@ def test_where_optima_are_near_the_best_of_several_is_kept_and_it_is_said():
     assert solution.cost == pytest.approx(1.49926395, rel=1e-3)  # 1.50668 from the guess
     assert len(solution.rivals) > 1
     assert solution.rivals[0] == 0.0
-    assert "One of several local optima" in solution.advice
+    tells(solution.advice, "local optima", f"{len(solution.rivals) - 1} more")
 
 
 @pytest.mark.thorough

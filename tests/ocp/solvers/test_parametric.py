@@ -2,7 +2,6 @@
 
 import copy
 import pickle
-import re
 import subprocess
 import sys
 
@@ -11,8 +10,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
-from helpers import sampled_rows
-from microbot_ocp import InputError
+from helpers import refused, sampled_rows
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.search import solve
 from microbot_ocp.ocp.solvers import ParametricSolver, SolverSettings, _run as run
@@ -184,26 +182,29 @@ def test_another_process_takes_it(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"bounds": {"stay": {}}}, "bounds has no phase 'stay'; there are ['move']"),
-        ({"bounds": {"move": {"w": (0, 1)}}}, "phase 'move' has no limit 'w'; it has"),
-        ({"bounds": {"move": {"u": 1.0}}}, "bounds of 'u' must be a pair (lower, upper), not 1.0"),
-        ({"bounds": {"move": {"u": (1.0, -1.0)}}}, "bounds of 'u' are crossed: lower 1 is above"),
-        ({"bounds": {"move": {"u": ([1, 2], 3)}}}, "lower u must have shape [1], not [2]"),
-        ({"parameters": {"move": {"k": 1.0}}}, "phase 'move' has no parameter 'k'; it has"),
-        ({"parameters": {"move": {"mass": [1, 2]}}}, "parameter 'mass' must have shape [1]"),
-        ({"parameters": {"move": {"mass": np.nan}}}, "parameter 'mass' must be finite"),
-        ({"initial": {"move": {"u": 1.0}}}, "phase 'move' has no initial 'u'; it has"),
-        ({"durations": {"move": (1.0, np.inf)}}, "upper duration of phase 'move' must be finite"),
+        ({"bounds": {"stay": {}}}, ("bounds", "'stay'", "['move']")),
+        ({"bounds": {"move": {"w": (0, 1)}}}, ("phase 'move'", "limit 'w'", "'u', 'v', 'x'")),
+        ({"bounds": {"move": {"u": 1.0}}}, ("bounds of 'u'", "(lower, upper)", "1.0")),
+        ({"bounds": {"move": {"u": (1.0, -1.0)}}}, ("bounds of 'u'", "lower 1", "upper -1 N")),
+        ({"bounds": {"move": {"u": ([1, 2], 3)}}}, ("lower u", "[1]", "[2]")),
+        (
+            {"parameters": {"move": {"k": 1.0}}},
+            ("phase 'move'", "parameter 'k'", "['mass', 'unused']"),
+        ),
+        ({"parameters": {"move": {"mass": [1, 2]}}}, ("parameter 'mass'", "[1]", "[2]")),
+        ({"parameters": {"move": {"mass": np.nan}}}, ("parameter 'mass'", "[0]", "nan")),
+        ({"initial": {"move": {"u": 1.0}}}, ("phase 'move'", "initial 'u'", "['v', 'x']")),
+        ({"durations": {"move": (1.0, np.inf)}}, ("upper duration", "phase 'move'", "inf s")),
     ],
 )
 def test_a_wrong_change_is_refused_in_words(solver, changes, said, no_solver):
-    with pytest.raises(InputError, match=re.escape(said)):
+    with refused(*said):
         solver.solve(**changes)
 
 
 def test_a_condition_that_was_not_declared_is_refused(no_solver):
     solver = ParametricSolver(through_half_way(("x", "v")), 4)
-    with pytest.raises(InputError, match="'v' of phase 'first' was declared without final"):
+    with refused("'v'", "phase 'first'", "final"):
         solver.solve(final={"first": {"v": 0.0}})
 
 
@@ -257,7 +258,7 @@ def test_a_shifted_solution_is_the_same_curve_and_a_better_start():
 
 
 def test_only_one_phase_of_fixed_duration_is_shifted(solver):
-    with pytest.raises(InputError, match="one phase of fixed duration"):
+    with refused("shifted", "one phase", "fixed duration"):
         solver.solve().shifted(0.1)
 
 
@@ -280,5 +281,5 @@ def test_exported_c_solves_the_problem_alone(solver, tmp_path):
 
 def test_what_is_compiled_is_not_exported_again(tmp_path):
     compiled = Transcription(cart(), prepare=lambda _, make: make())
-    with pytest.raises(InputError, match="compiled"):
+    with refused("compiled functions", "exported"):
         ParametricSolver(compiled, 20).export_c(tmp_path / "x.c")

@@ -1,7 +1,6 @@
 """Solutions come back from their file as they were, and nothing else is taken for one."""
 
 import json
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from helpers import sampled
+from helpers import refused, sampled, tells
 from microbot_ocp import InputError
 from microbot_ocp.ocp import Status
 from microbot_ocp.ocp.problem import OptimalControlProblem
@@ -69,7 +68,7 @@ def test_with_its_transcription_it_is_sampled_and_solved_again(solution, transcr
 def test_without_its_transcription_it_starts_another_solve(solution, transcription, tmp_path):
     again = load_solution(save_solution(solution, tmp_path / "run.npz"))
     assert solve(transcription, 10, again).status.solved
-    with pytest.raises(InputError, match="mesh values only"):
+    with refused("phase 'first'", "mesh values"):
         again["first"].sample(0.1)
 
 
@@ -84,11 +83,11 @@ def test_what_is_needed_to_repeat_a_run_is_inside(solution, tmp_path):
 
 def test_another_problem_is_refused(solution, tmp_path):
     path = save_solution(solution, tmp_path / "run.npz")
-    with pytest.raises(InputError, match=r"has the phases .* the problem \['move'\]"):
+    with refused("run.npz", "['first', 'second']", "['move']"):
         load_solution(path, Transcription(double_integrator()))
     other = through_half_way(("x", "v"))
     other.phases[0].parameter("mass", 1.0)
-    with pytest.raises(InputError, match="'first' of the solution has the parameters"):
+    with refused("run.npz", "phase 'first'", "parameters []", "['mass']"):
         load_solution(path, Transcription(other))
 
 
@@ -104,14 +103,14 @@ def test_a_newer_or_broken_file_is_refused_in_one_line(solution, tmp_path):
     arrays.pop("row_multipliers")
     np.savez(tmp_path / "less.npz", **arrays)
     for name, said in (
-        ("newer", "written by a newer version (schema 99; this one reads up to 1)"),
-        ("text", "is not a saved solution"),
-        ("cut", "is not a saved solution"),
-        ("other", "is not a saved solution"),
-        ("less", "is not a saved solution"),
-        ("none", "is no file"),
+        ("newer", ("newer.npz", "schema 99", "up to 1")),
+        ("text", ("text.npz", "saved solution", "zip")),
+        ("cut", ("cut.npz", "saved solution", "zip")),
+        ("other", ("other.npz", "saved solution", "'metadata'")),
+        ("less", ("less.npz", "saved solution", "changed")),
+        ("none", ("none.npz", "no file")),
     ):
-        with pytest.raises(InputError, match=re.escape(said)) as raised:
+        with refused(*said) as raised:
             load_solution(tmp_path / f"{name}.npz")
         assert "\n" not in str(raised.value)
 
@@ -184,7 +183,7 @@ def test_a_parametric_solve_keeps_what_it_was_solved_with(tmp_path):
 
 def test_a_file_without_a_start_is_not_repeated(transcription, solution, tmp_path):
     path = save_solution(replace(solution, start=None), tmp_path / "run.npz")
-    with pytest.raises(InputError, match="written without the start of its solve"):
+    with refused("run.npz", "without the start"):
         repeat(path, transcription)
 
 
@@ -201,4 +200,4 @@ def test_a_file_that_an_earlier_version_wrote_is_read(name, status):
         assert verify(double_integrator(), loaded).ok
         assert repeat(stored, double_integrator()).cost == pytest.approx(loaded.cost, rel=1e-6)
     else:
-        assert "tells whether the limits" in loaded.advice
+        tells(loaded.advice, "explain(")

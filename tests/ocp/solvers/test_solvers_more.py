@@ -2,7 +2,6 @@
 
 import ctypes
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -12,8 +11,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from helpers import sampled, sampled_rows
-from microbot_ocp import InputError
+from helpers import refused, sampled, sampled_rows
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.search import solve
 from microbot_ocp.ocp.solution import Status
@@ -278,20 +276,22 @@ def broken(place):
     [
         (
             "dynamics",
-            "value of the dynamics of state 'x' of phase 'fall' is nan at the guess in interval 1 "
-            "(t = 0 s): the square root of -0.5, from x[1] = -0.5",
+            (
+                *("dynamics of state 'x'", "phase 'fall'", "nan", "interval 1", "t = 0 s"),
+                *("square root of -0.5", "x[1] = -0.5"),
+            ),
         ),
-        ("constraint", "constraint 'height' of phase 'fall' is nan at the guess in interval 1"),
-        ("constraint", "the logarithm of -1.5, from x[0] = 1, x[1] = -0.5"),
-        ("running", "a running cost of phase 'fall' is nan at the guess in interval 2 (t = 1 s)"),
-        ("running", "divided by 0, from x[0] = 2, u = 0"),
-        ("end", "an end cost of phase 'fall' is nan at the guess at its end (t = 2 s)"),
-        ("end", "the arccosine of 3, from x[0] = 3"),
-        ("slope", "slope of constraint 'size' of phase 'fall' is nan at the guess in interval 1"),
+        ("constraint", ("constraint 'height'", "phase 'fall'", "nan", "interval 1")),
+        ("constraint", ("logarithm of -1.5", "x[0] = 1, x[1] = -0.5")),
+        ("running", ("running cost", "phase 'fall'", "nan", "interval 2", "t = 1 s")),
+        ("running", ("divided by 0", "x[0] = 2, u = 0")),
+        ("end", ("end cost", "phase 'fall'", "nan", "t = 2 s")),
+        ("end", ("arccosine of 3", "x[0] = 3")),
+        ("slope", ("slope of constraint 'size'", "phase 'fall'", "nan", "interval 1")),
     ],
 )
 def test_a_guess_that_gives_no_numbers_is_explained_before_a_solver_starts(place, said, no_solver):
-    with pytest.raises(InputError, match=re.escape(said)):
+    with refused(*said):
         solve(broken(place), 4, settings=SolverSettings("ipopt"), scheme="shooting")
 
 
@@ -301,5 +301,5 @@ def test_a_guess_on_a_bound_is_looked_at_where_solvers_start(no_solver):
     x = phase.state("x", lower=0.0, upper=2.0)
     phase.derivative(x, 0.1)
     phase.constraint("level", ca.log(x), lower=-9.0)
-    with pytest.raises(pytest.fail.Exception, match="a solver was started"):
+    with refused("solver", "started", error=pytest.fail.Exception):
         solve(problem, 4, {"drain": Guess(1.0, {"x": 0.0})})

@@ -6,8 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from helpers import crossed, sampled, sampled_rows
-from microbot_ocp import InputError
+from helpers import crossed, refused, sampled, sampled_rows, tells
 from microbot_ocp.ocp import (
     Guess,
     OptimalControlProblem,
@@ -154,7 +153,7 @@ def test_what_is_declared_wins():
     assert (made.states[0].scale, made.controls[0].scale) == ([30.0], [0.2])
     assert made.end_constraints[0].scale == [11.0]
     assert made.duration_scale == 7.0
-    with pytest.raises(InputError, match="scale of the duration of phase 'two' must be above 0 s"):
+    with refused("scale", "duration of phase 'two'", "above 0 s", "0.0"):
         problem.phase("two", 1.0, scale=0.0)
 
 
@@ -238,11 +237,11 @@ def test_limits_in_odd_units_are_explained():
     phase.derivative(x, u)
     phase.end_cost(phase.duration)
     text = str(explain(problem, 5))
-    assert "end of x in phase 'one' (value 2e+06 um) would have to be relaxed by 1e+06 um" in text
+    tells(text, "end of x in phase 'one' (value 2e+06 um)", "1e+06 um")
 
 
 def test_a_scaling_that_there_is_not():
-    with pytest.raises(InputError, match="scaling must be one of auto, declared, not 'none'"):
+    with refused("scaling", "auto, declared", "'none'"):
         SolverSettings(scaling="none")
 
 

@@ -8,6 +8,7 @@ import pytest
 from benchmarks.suite.table import BY_NAME
 from scipy.optimize import root_scalar
 
+from helpers import tells
 from microbot_ocp.ocp import OptimalControlProblem, Status, solve, solve_switching_times
 
 SINGULAR = "singular, by its own conditions"
@@ -143,7 +144,7 @@ def test_other_problems_keep_the_polynomial_and_say_why():
     phase.running_cost(1e-3 * u**2)
     found = solved(problem)
     assert found.singular is None
-    assert "not affine in the controls" in found.advice
+    tells(found.advice, "Hamiltonian", "not affine")
     problem, phase, x, _ = integrator()
     phase.constraint("floor", x, 0.25, inf)
     found = solved(problem)
@@ -158,4 +159,4 @@ def test_a_control_of_higher_order_is_said():
     found = solve_switching_times(problem, solve(problem, 30, scheme="radau"), rounds=2)
     assert found.singular is None
     assert found.status is not Status.INTERRUPTED
-    assert "does not appear in the second time derivative" in found.advice
+    tells(found.advice, "singular control", "second time derivative")

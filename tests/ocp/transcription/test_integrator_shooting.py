@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from helpers import crossed, sampled
-from microbot_ocp import InputError
+from helpers import crossed, refused, sampled, tells
 from microbot_ocp.ocp import (
     IntegratorShooting,
     OptimalControlProblem,
@@ -42,7 +41,7 @@ def test_an_integrator_without_an_answer_is_a_status(name, solver, capfd):
     solution = solve(car(1.0), 4, scheme=scheme, settings=settings)
     assert solution.status is Status.FAILED
     assert not solution.solved
-    assert "no answer at the guess" in solution.advice
+    tells(solution.advice, "no answer")
     assert solution["move"]["x"].shape == (5, 1)
     again = ParametricSolver(Transcription(car(1.0), scheme=scheme), 4, settings).solve()
     assert again.status is Status.FAILED
@@ -64,19 +63,22 @@ def test_one_that_fails_on_the_way_only_is_stepped_around(capfd):
 
 
 @pytest.mark.parametrize(
-    ("given", "words"),
+    ("given", "said"),
     [
-        (("ode45",), "integrator must be one of cvodes, idas, collocation, rk"),
-        (("cvode",), "did you mean 'cvodes'"),
-        ((3,), "integrator must be"),
-        (("cvodes", {"tol": 1e-3}), "Unknown option: tol"),
-        (("idas", {"abstol": "small"}), "abstol"),
-        (("cvodes", {"linear_multistep_method": "x"}), "Unknown linear multistep method"),
-        (("rk", {"number_of_elements": 4}), "Unknown option: number_of_elements"),
+        (("ode45",), ("integrator", "cvodes, idas, collocation", "'ode45'")),
+        (("cvode",), ("integrator", "mean 'cvodes'")),
+        ((3,), ("integrator", "cvodes, idas, collocation", "not 3")),
+        (("cvodes", {"tol": 1e-3}), ("'cvodes'", "option: tol")),
+        (("idas", {"abstol": "small"}), ("'idas'", "abstol")),
+        (
+            ("cvodes", {"linear_multistep_method": "x"}),
+            ("'cvodes'", "linear multistep", "method: x"),
+        ),
+        (("rk", {"number_of_elements": 4}), ("'rk'", "option: number_of_elements")),
     ],
 )
-def test_what_no_integrator_takes_is_refused_at_once(given, words, no_solver, capfd):
-    with pytest.raises(InputError, match=words):
+def test_what_no_integrator_takes_is_refused_at_once(given, said, no_solver, capfd):
+    with refused(*said):
         IntegratorShooting(*given)
     assert capfd.readouterr() == ("", "")
 

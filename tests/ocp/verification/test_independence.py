@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from helpers import sampled, sampled_rows
+from helpers import sampled, sampled_rows, tells
 from microbot_ocp.ocp import OptimalControlProblem, SolverSettings, Transcription, verify
 from microbot_ocp.ocp.solution import unpack
 from microbot_ocp.ocp.transcription import (
@@ -141,12 +141,12 @@ def lost_end_condition(monkeypatch):
     ("plant", "said"),
     sampled_rows(
         [
-            (lost_running_cost, "the cost is "),
-            (wrong_dynamics, "not feasible: step of "),
-            (halved_constraint, "constraint power of phase 'out' is "),
-            (constraint_left_out, "constraint power of phase 'out' is "),
-            (wrong_link, "not feasible: link of "),
-            (lost_end_condition, "end of x in phase 'on' is "),
+            (lost_running_cost, ("the cost is", "given")),
+            (wrong_dynamics, ("not feasible", "step of")),
+            (halved_constraint, ("constraint power", "phase 'out'")),
+            (constraint_left_out, ("constraint power", "phase 'out'")),
+            (wrong_link, ("not feasible", "link of")),
+            (lost_end_condition, ("end of x", "phase 'on'")),
         ],
         3,
     ),
@@ -158,7 +158,7 @@ def test_a_fault_in_what_makes_the_program_is_found(plant, said, monkeypatch):
     assert not solution.status.solved  # a solve is judged as verify judges
     certificate = verify(problem, solution)
     assert not certificate.ok
-    assert said in certificate.verdict
+    tells(certificate.verdict, *said)
 
 
 @pytest.mark.thorough
@@ -177,7 +177,7 @@ def test_a_fault_in_a_prepared_kernel_is_found():
     assert solution.attempts[-1].status.solved
     certificate = verify(problem, solution)
     assert not certificate.ok
-    assert "not feasible: step of " in certificate.verdict
+    tells(certificate.verdict, "not feasible", "step of")
 
 
 @pytest.mark.thorough
@@ -195,7 +195,7 @@ def test_a_fault_in_a_cost_that_is_evaluated_apart_is_found(monkeypatch):
     assert solution.attempts[-1].status.solved
     certificate = verify(problem, solution)
     assert not certificate.ok
-    assert "the cost is " in certificate.verdict
+    tells(certificate.verdict, "the cost is", f"{solution.cost:.8g} given")
 
 
 @pytest.mark.thorough
@@ -203,4 +203,4 @@ def test_a_solution_of_other_dynamics_is_not_one_of_the_problem():
     solution = solve(cart(), 20, settings=SETTINGS, scheme="shooting")
     certificate = verify(cart(drag=0.31), solution)
     assert not certificate.ok
-    assert "not feasible: step of v" in certificate.verdict
+    tells(certificate.verdict, "not feasible", "step of v")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from benchmarks.suite.table import BY_NAME
 
-from helpers import sampled_rows
+from helpers import sampled_rows, tells
 from microbot_ocp import Status
 from microbot_ocp.ocp import Guess, OptimalControlProblem, SolverSettings, solve, verify
 from microbot_ocp.ocp.search import _other_starts
@@ -109,7 +109,7 @@ def test_a_saddle_is_said_to_be_none_and_left_by_its_direction():
     assert saddle.status is Status.SADDLE
     certificate = verify(two_wells(), saddle)
     assert not certificate.ok
-    assert "a saddle, not a minimum" in certificate.verdict
+    tells(certificate.verdict, "saddle", "curvature", "-0.8")
     assert certificate.curvature is not None
     # along x = t, u = 1 the cost curves by 1 - 4, where both move by 1 / sqrt(3) and 1
     assert certificate.curvature.least < -0.5
@@ -193,7 +193,8 @@ RATES = (("growth", 7), ("mortality", 8))
 def test_an_answer_that_was_compared_with_nothing_says_so(monkeypatch):
     monkeypatch.setattr(_other_starts, "_until_they_agree", lambda *_: iter(()))
     solution = solve(two_wells())
-    assert "compared with nothing" in solution.advice
+    assert solution.compared == 0
+    tells(solution.advice, "with nothing")
 
 
 @pytest.mark.thorough
@@ -220,7 +221,7 @@ def test_a_cost_that_falls_for_ever_is_called_unbounded():
     phase.end_cost(-x)
     solution = solve(problem, 10)
     assert not solution.status.solved
-    assert "seems to be unbounded: it fell to -" in solution.advice
+    assert "unbounded" in {row.kind for row in solution.rows}
     assert "declare scale" not in solution.advice
 
 
@@ -233,5 +234,5 @@ def test_a_saddle_from_which_the_cost_falls_for_ever_ends_the_search():
     phase.running_cost(u**2 - x**2)
     solution = solve(problem, guess={"all": Guess(values={"x": 0.0, "u": 0.0})})
     assert not solution.status.solved
-    assert "seems to be unbounded: it fell to -" in solution.advice
+    assert "unbounded" in {row.kind for row in solution.rows}
     assert len(solution.attempts) < 5

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from helpers import crossed, sampled_rows
-from microbot_ocp import InputError
+from helpers import crossed, refused, sampled_rows, tells
 from microbot_ocp._base.growth import carry, transition_matrices
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.search import solve
@@ -345,8 +344,8 @@ def test_a_state_that_is_not_reached_is_found(flight):
     moved = tampered(solution, lambda stages: stages.__setitem__((10, 1), stages[10, 1] + 0.01))
     certificate = verify(problem, moved)
     assert not certificate.ok
-    assert "re-simulation of phase 'fly' has " in certificate.verdict
-    assert "not feasible: step of v in phase 'fly', interval 10" in certificate.verdict
+    tells(certificate.verdict, "re-simulation", "phase 'fly'")
+    tells(certificate.optimality.feasibility.where, "step of v", "phase 'fly'", "interval 10")
     assert certificate.optimality.feasibility.value == pytest.approx(0.01, rel=0.01)
 
 
@@ -384,7 +383,7 @@ def test_a_right_answer_of_an_unstable_system_passes(upright):
 def test_a_wrong_answer_of_an_unstable_system_does_not(upright, change):
     problem, solution = upright
     certificate = verify(problem, tampered(solution, change))
-    assert "re-simulation of phase 'fly' has " in certificate.verdict
+    tells(certificate.verdict, "re-simulation", "phase 'fly'")
     assert certificate.resimulations[0].error > 2e-3
 
 
@@ -407,7 +406,7 @@ def test_a_limit_that_is_exceeded_is_named(flight):
     problem, solution = flight
     moved = tampered(solution, lambda stages: stages.__setitem__((18, 0), 0.12))
     certificate = verify(problem, moved)
-    assert "state x of phase 'fly' is 0.12 m at 0.5 s" in certificate.verdict
+    tells(certificate.verdict, "state x", "phase 'fly'", "0.12 m", "0.5 s")
     worst = certificate.worst_limit
     assert worst is not None
     assert worst.excess == pytest.approx(0.12 - 1 / 9, rel=1e-6)
@@ -419,7 +418,7 @@ def test_values_that_are_not_those_of_the_stages_are_found(flight):
     (phase,) = solution.phases
     values = {**phase.values, "v": phase.values["v"] * 1.001}
     certificate = verify(problem, replace(solution, phases=(replace(phase, values=values),)))
-    assert "the values of v in phase 'fly'" in certificate.verdict
+    tells(certificate.verdict, "values of v", "phase 'fly'")
 
 
 def test_wrong_multipliers_are_not_stationary(flight):
@@ -428,7 +427,7 @@ def test_wrong_multipliers_are_not_stationary(flight):
     multipliers[40] += 0.1
     certificate = verify(problem, replace(solution, row_multipliers=multipliers))
     assert not certificate.ok
-    assert "not stationary: " in certificate.verdict
+    tells(certificate.verdict, "not stationary")
     assert "re-simulation" not in certificate.verdict
 
 
@@ -438,15 +437,14 @@ def test_multipliers_at_bounds_that_do_not_act_are_found(flight):
     program = assemble(transcription.layouts([36]))
     names = [(label.kind, label.name, label.interval) for label in program.variable_labels]
     for name, interval, amount, said in (
-        ("x", 3, 0.5, "not complementary: state x in phase 'fly', interval 4"),
-        ("x", 3, -0.5, "multiplier of the wrong sign: state x in phase 'fly', interval 4"),
-        ("v", 5, 0.5, "multiplier of the wrong sign: state v in phase 'fly', interval 6"),
+        ("x", 3, 0.5, ("complementary", "state x", "phase 'fly'", "interval 4")),
+        ("x", 3, -0.5, ("wrong sign", "state x", "phase 'fly'", "interval 4")),
+        ("v", 5, 0.5, ("wrong sign", "state v", "phase 'fly'", "interval 6")),
     ):
         multipliers = solution.variable_multipliers.copy()
         multipliers[names.index(("state", name, interval))] += amount
         certificate = verify(problem, replace(solution, variable_multipliers=multipliers))
-        assert said in certificate.verdict
-        assert "not stationary: " in certificate.verdict
+        tells(certificate.verdict, "not stationary", *said)
 
 
 def test_without_multipliers_of_the_bounds_they_follow_from_the_others(flight):
@@ -462,14 +460,14 @@ def test_a_worse_motion_is_feasible_but_not_stationary():
     settings = SolverSettings("ipopt", max_iterations=5)
     solution = solve(problem, 20, settings=settings)
     certificate = verify(problem, solution)
-    assert "the solve did not converge: iteration limit" in certificate.verdict
+    tells(certificate.verdict, str(Status.ITERATION_LIMIT))
     assert not certificate.ok
 
 
 def test_a_coarse_trapezoidal_mesh_does_not_pass(flight):
     problem, _ = flight
     certificate = verify(problem, solved(problem, 12, "trapezoidal"))
-    assert "re-simulation of phase 'fly' has " in certificate.verdict
+    tells(certificate.verdict, "re-simulation", "phase 'fly'")
     assert certificate.resimulations[0].error > 1e-3
 
 
@@ -484,7 +482,7 @@ def test_a_limit_exceeded_between_mesh_points_is_found():
     phase.constraint("height", x, upper=0.1, unit="m", scale=0.1)
     phase.running_cost(u**2)
     certificate = verify(problem, solved(problem, 5))
-    assert "constraint height of phase 'fly' is 0.1" in certificate.verdict
+    tells(certificate.verdict, "constraint height", "phase 'fly'", "0.1048 m", "0.28 s")
     worst = certificate.worst_limit
     assert worst is not None
     assert worst.name == "height"
@@ -493,13 +491,13 @@ def test_a_limit_exceeded_between_mesh_points_is_found():
 
 def test_a_solution_of_another_problem_is_refused(flight):
     problem, solution = flight
-    with pytest.raises(InputError, match="has phases"):
+    with refused("['fly']", "'double integrator'", "['move']"):
         verify(double_integrator(), solution)
-    with pytest.raises(InputError, match="row multipliers"):
+    with refused("3 row multipliers", "256 rows"):
         verify(problem, replace(solution, row_multipliers=np.zeros(3)))
     other = OptimalControlProblem("other")
     phase = other.phase("fly", 1.0)
     x = phase.state("x")
     phase.derivative(x, -x)
-    with pytest.raises(InputError, match="other variables or constraints"):
+    with refused("phase 'fly'", "['x', 'v']", "['x']"):
         verify(other, solution)
