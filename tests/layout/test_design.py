@@ -217,7 +217,7 @@ def test_a_quantity_without_effect_beside_another_stays_as_it_is():
     assert found.values[0] != 0.0
     assert found.values[1] == 0.0
     assert (place.idle, turn.idle) == (False, True)
-    assert turn.sentence == "base.yaw: no effect on this cell"
+    tells(turn.sentence, "base.yaw", "no effect")
     assert abs(turn.slope) < 1e-3 * abs(place.slope)
     assert abs(turn.difference) < 1e-3 * found.period
     assert found.plot().ravel()[0].get_xlabel() == "base.x [m]"

@@ -105,9 +105,9 @@ def test_a_free_duration_is_a_range(duration):
 @pytest.mark.parametrize("kind", ["constraint", "end_constraint", "point_constraint"])
 def test_a_name_goes_first(kind):
     _, phase, x, _ = declared()
-    with refused("name must", "MX", "name goes first"):
+    with refused("name must", "MX", "goes first"):
         getattr(phase, kind)(x <= 5.0)
-    with refused("name must", "MX", "name goes first"):
+    with refused("name must", "MX", "goes first"):
         getattr(phase, kind)(phase.duration, 0.0, 1.0)
 
 
@@ -210,9 +210,9 @@ def test_phases_without_a_state_in_common_are_not_linked_in_silence():
 
 
 DIVIDED = {
-    "by a state": (lambda x, u: u / x, "it divides by x"),
-    "by a root": (lambda x, u: u / ca.sqrt(x), "it divides by x"),
-    "by a power": (lambda x, u: u / x**1.5, "it divides by x"),
+    "by a state": (lambda x, u: u / x, "divides by x"),
+    "by a root": (lambda x, u: u / ca.sqrt(x), "divides by x"),
+    "by a power": (lambda x, u: u / x**1.5, "divides by x"),
 }
 
 
