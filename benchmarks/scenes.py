@@ -22,7 +22,8 @@ import microbot_ocp as mo
 from microbot_ocp._base import deadline
 from microbot_ocp._base.deadline import processor_time
 from microbot_ocp.limits import LimitFamily
-from microbot_ocp.planning.search import legs_between, timed_paths
+from microbot_ocp.ocp.solution import quiet
+from microbot_ocp.planning.search import LegPlanner, SolveRequest
 from microbot_ocp.planning.task import check_via, reach_of
 from microbot_ocp.scene import Surroundings
 
@@ -70,18 +71,19 @@ def measured(number: int) -> dict[str, Any]:
     if drawn is None:
         return row | {"outcome": "no task drawn"}
     robot, scene, via = drawn
-    around = Surroundings(robot, scene)
+    settings = mo.planning.TimeOptimalSettings()
+    request = SolveRequest(robot, None, list(via), None, False, settings, quiet, scene=scene)
+    planner, task = LegPlanner(request), request.task()
     with deadline.within(SEARCHING):
-        legs = legs_between(around, via, mo.planning.TimeOptimalSettings(), lambda _: None)
-    paths = list(timed_paths(around, legs, lambda _: None))
-    row |= {"found": bool(paths), "searches_failed": sum(len(leg.failed) for leg in legs)}
-    if not paths:
+        planner.search([task])
+    # The paths in the order of their seeds; the first is the usual chain.
+    guides = sorted(planner.guides(task), key=lambda guide: guide.choice)
+    timed = [path.motion.duration for g in guides if (path := planner.timed(task, g)) is not None]
+    failed = sum(len(leg.failed) for _, legs in planner.ways(task) for leg in legs if leg)
+    row |= {"found": bool(timed), "searches_failed": failed}
+    if not timed:
         return row | {"outcome": "no path"}
-    usual = min(paths, key=lambda path: path.name)  # path of the first seed with a solution
-    row |= {
-        "chain": usual.motion.duration,
-        "best_chain": min(path.motion.duration for path in paths),
-    }
+    row |= {"chain": timed[0], "best_chain": min(timed)}
     row["bound"] = float((np.abs(via[1] - via[0]) / robot.limits.qd_max).max())
     begun = processor_time()
     motion = mo.time_optimal(robot, via, scene=scene)

@@ -25,6 +25,7 @@ from microbot_ocp.motion import (
     Motion,
     PiecewisePolynomial,
     State,
+    polynomial_of,
     sample_times,
 )
 
@@ -203,6 +204,17 @@ def test_jump_has_two_samples_a_microsecond_apart(bang_bang: Motion) -> None:
 def test_inside_a_jump_the_earlier_acceleration_goes_on(bang_bang: Motion) -> None:
     state = bang_bang.sample(1.0 - 0.5 * JUMP_GAP)
     assert state.qdd[0].tolist() == [2.0, 0.0, -2.0]
+
+
+def test_a_motion_as_polynomials_has_no_piece_of_its_own_before_a_jump(
+    microbot: mo.Robot, bang_bang: Motion
+) -> None:
+    shape = polynomial_of(bang_bang)
+    assert np.diff(shape.breaks).min() > 1e-4
+    t = np.linspace(0.0, 2.0, 500)
+    assert shape(t) == pytest.approx(BANG_BANG(t), abs=1e-12)
+    again = Motion.from_polynomial(microbot, shape)
+    assert np.sum(np.diff(again.t) < 1e-4) == 1
 
 
 def test_smooth_breaks_have_one_sample(microbot: mo.Robot) -> None:

@@ -10,23 +10,23 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
+from helpers import tells
 from microbot_ocp import InputError
 from microbot_ocp._base.deadline import processor_time
 from microbot_ocp._base.outcome import Outcome
 from microbot_ocp.ocp.solution import quiet
 from microbot_ocp.planning.search import (
+    LegPlanner,
     ProvedPath,
-    _among_obstacles as among,
+    SolveRequest,
     _guided as guided,
-    legs_between,
+    at_least,
     parts_of,
     scenes_of,
-    timed_paths,
     tool_poses,
 )
-from microbot_ocp.planning.search._among_obstacles import at_least
-from microbot_ocp.planning.task import reach_of, task_of
-from microbot_ocp.scene import Surroundings, contact_model, room_along
+from microbot_ocp.planning.task import Task, reach_of, task_of
+from microbot_ocp.scene import contact_model, room_along
 
 ARM = mo.load_robot("planar_3r")
 ARM = ARM.with_capsules(mo.robot.link_capsules(ARM))
@@ -290,33 +290,44 @@ def test_a_coarse_motion_does_not_pass_through_thin_things_between_its_mesh_poin
     assert motion.duration < 0.9 * timed
 
 
+def planned(
+    arm: mo.Robot, via: np.ndarray, progress: Any = quiet
+) -> tuple[LegPlanner, Task, list[Any]]:
+    """Return the planner of a task among obstacles after its searches, the task, and its paths."""
+    settings = mo.planning.TimeOptimalSettings()
+    request = SolveRequest(arm, None, list(via), None, False, settings, progress, scene=POST)
+    planner, task = LegPlanner(request), request.task()
+    planner.search([task])
+    return planner, task, planner.guides(task)
+
+
 @pytest.mark.thorough
 def test_a_path_gets_its_best_timing_where_its_bound_is_faster(around) -> None:
-    surroundings = Surroundings(ARM.with_limits(taud_max=200.0), POST)
-    legs = legs_between(surroundings, ENDS, mo.planning.TimeOptimalSettings(), quiet)
-    bound = min(legs[0].bound(choice) for choice in range(len(legs[0].ways)))
-    assert not list(timed_paths(surroundings, legs, quiet, below=bound))
-    timed = next(timed_paths(surroundings, legs, quiet))
+    arm = ARM.with_limits(taud_max=200.0)
+    planner, task, guides = planned(arm, ENDS)
+    timed = planner.timed(task, guides[0])
+    assert timed is not None
     assert timed.clearance.proved
-    assert timed.motion.duration > bound
-    assert mo.certify(surroundings.robot, timed.motion, via_q=ENDS, scene=POST).ok
+    assert timed.motion.duration > guides[0].durations[0]
+    assert mo.certify(arm, timed.motion, via_q=ENDS, scene=POST).ok
 
 
 @pytest.mark.thorough
 def test_a_path_that_reachability_cannot_time_is_there_all_the_same() -> None:
     """It rests at its corners then, and was left out as slower than nothing."""
-    surroundings = Surroundings(ARM, POST)
-    legs = legs_between(surroundings, ENDS, mo.planning.TimeOptimalSettings(), quiet)
-    for way in legs[0].ways:
+    planner, task, _ = planned(ARM, ENDS)
+    ((_, (leg,)),) = planner.ways(task)
+    for way in leg.ways:
         way.reached = way.motion = None
-    (timed,) = timed_paths(surroundings, legs, quiet)
-    assert timed.motion.duration == legs[0].first_motion.duration
+    (guide,) = planner.guides(task)
+    timed = planner.timed(task, guide)
+    assert timed.motion.duration == leg.first_motion.duration
     assert mo.certify(ARM, timed.motion, via_q=ENDS, scene=POST).ok
 
 
 def test_an_optimum_slower_than_the_timed_path_ends_the_search(around: mo.Motion) -> None:
     """It exceeds limits between its mesh points, and a finer mesh makes it no faster."""
-    known = ProvedPath("path", around, mo.clearance(ARM, around, POST))
+    known = ProvedPath(around, mo.clearance(ARM, around, POST))
     exceeded = Outcome.of(mo.Status.LIMITS_EXCEEDED)
     for times, status in ((1.5, mo.Status.SOLVED), (0.5, mo.Status.FAILED)):
         scaled = mo.Motion.from_polynomial(
@@ -330,12 +341,11 @@ def test_an_optimum_slower_than_the_timed_path_ends_the_search(around: mo.Motion
 def test_what_a_search_leaves_within_limits_is_known_at_least(around: mo.Motion) -> None:
     """Where it is within what a certificate lets pass, but a finer mesh was not solved."""
     exceeded = Outcome.of(mo.Status.LIMITS_EXCEEDED)
-    unsolved = around.ended(exceeded, made_from=among.THE_MOTION)
-    known = ProvedPath("path", unsolved, mo.clearance(ARM, around, POST))
-    motion = at_least(known, unsolved, None)
+    slower = ProvedPath(around.stretched(ARM, 1.5), mo.clearance(ARM, around, POST))
+    motion = at_least(slower, around.ended(exceeded), mo.clearance(ARM, around, POST))
     assert motion.status is mo.Status.NOT_ACCEPTED
     assert motion.duration == around.duration
-    assert motion.advice.count("Returned is") == 1
+    assert "made_from" not in motion.provenance
 
 
 @pytest.mark.thorough
@@ -345,10 +355,12 @@ def test_the_same_task_gives_the_same_motion(around: mo.Motion) -> None:
 
 
 def test_ends_in_collision_are_told_in_the_users_words() -> None:
-    with pytest.raises(InputError, match=r"start in collision with 'post' by \d+ mm at link 'elb"):
+    with pytest.raises(
+        InputError, match=r"'via 1' in collision with 'post' by \d+ mm at link 'elb"
+    ):
         mo.time_optimal(ARM, [[0.2, 0, 0], [1.0, 0, 0]], scene=POST)
     near = mo.Scene(POST.obstacles, clearance=5.0, self_collision=False)
-    with pytest.raises(InputError, match=r"start too near to 'post': .* clearance of 5 m"):
+    with pytest.raises(InputError, match=r"'via 1' too near to 'post': .* clearance of 5 m"):
         mo.time_optimal(ARM, [[2.5, 0, 0], ENDS[1]], scene=near)
 
 
@@ -361,8 +373,7 @@ def test_where_no_way_is_found_the_answer_says_so_and_ends_where_asked() -> None
     via = np.array([[-0.8, 0, 0], [1.2, 0, 0]])
     motion = mo.time_optimal(HELD, via, scene=WALLS, time_limit=0.5)
     assert motion.status is mo.Status.NOT_FOUND
-    assert "no path from the start to the goal was found" in motion.note
-    assert "deg (in joint space) of the goal" in motion.note
+    tells(motion.note, "'via 1'", "'via 2'", "poses", "deg")
     assert motion.q[[0, -1]] == pytest.approx(via)
     assert not motion.provenance["clearance"]["proved"]
 
@@ -428,16 +439,17 @@ def test_what_is_returned_in_a_short_time_keeps_rates_and_is_clear(limits) -> No
 @pytest.mark.slow
 def test_a_first_way_is_proved_before_others_are_looked_for(monkeypatch) -> None:
     searches, told = list[int](), list[tuple[str, int]]()
-    place = "microbot_ocp.planning.search._among_obstacles.detour"
+    place = "microbot_ocp.planning.search._legs.detour"
     usual = __import__("microbot_ocp.scene", fromlist=["detour"]).detour
     monkeypatch.setattr(place, lambda *given: searches.append(given[-1]) or usual(*given))
     progress = lambda event: told.append((str(event), len(searches)))  # noqa: E731
     via = np.array([[0.0, 0.0, 0.0], [0.6, 0.3, 0.0]])
-    legs = legs_between(Surroundings(ARM, POST), via, mo.planning.TimeOptimalSettings(), progress)
-    (text, count), *_ = [row for row in told if row[0].startswith("path ")]
+    planner, task, _ = planned(ARM, via, progress)
+    ((_, (leg,)),) = planner.ways(task)
+    assert leg.first_motion is not None
+    (count,) = {count for text, count in told if f"{leg.first_motion.duration:.4f} s, the" in text}
     assert count == 1 < len(searches)
-    assert legs[0].first_motion is not None
-    assert f"{legs[0].first_motion.duration:.4f} s" in text
+    assert 0.0 < planner.first_certified < np.inf
 
 
 @pytest.mark.thorough
@@ -456,7 +468,7 @@ def test_what_is_far_away_changes_nothing(stopped: bool) -> None:
 @pytest.fixture
 def without_search(monkeypatch: pytest.MonkeyPatch) -> None:
     """The time is over when the search through stops begins, on a busy machine as on a fast one."""
-    place = "microbot_ocp.planning.search._stops_among._OrderAmongObstacles._found"
+    place = "microbot_ocp.planning.search._among_obstacles._OrderAmongObstacles._found"
     monkeypatch.setattr(place, lambda *_: None)
 
 
@@ -573,7 +585,7 @@ def test_segments_with_other_pairs_are_priced_by_limits_that_all_have(loads) -> 
 
 
 def test_a_blocked_stop_is_said_before_any_order_is_solved(monkeypatch) -> None:
-    monkeypatch.setattr("microbot_ocp.planning.search._stops_among.best_order", None)
+    monkeypatch.setattr("microbot_ocp.planning.search._among_obstacles.best_order", None)
     stops = [ENDS[0], mo.Stop(q=[0.2, 0.0, 0.0], name="through"), ENDS[1]]
     with pytest.raises(InputError, match="stop 'through' in collision with 'post' by"):
         mo.time_optimal(ARM, stops, scene=POST, order="free")

@@ -581,8 +581,13 @@ def _derivatives(c: FloatArray, x: FloatArray, order: int) -> list[FloatArray]:
 
 
 def polynomial_of(motion: Motion) -> PiecewisePolynomial:
-    """Return the positions of a motion as the piecewise polynomial between its samples."""
-    return PiecewisePolynomial(motion.t, pieces_of(motion))
+    """Return the positions of a motion as the piecewise polynomial between its samples.
+
+    The piece before a jump reaches to the jump: the short gap before it is no piece of its own.
+    """
+    pieces = ~jump_gaps(motion.t)
+    breaks = np.append(motion.t[:-1][pieces], motion.t[-1])
+    return PiecewisePolynomial(breaks, pieces_of(motion)[pieces])
 
 
 # Rounding of positions in the acceleration of a quintic, times h^-2.

@@ -5,10 +5,10 @@ Input: a task. Output: a motion with the record of its search. Entry points:
 ``_queue.py`` is the loop of every search: candidates of rising accuracy, the most promising
 first. ``_problem.py`` states a task as a program, ``_branches.py`` finds ways through stops.
 ``_starts.py`` solves from initial guesses on coarse meshes, ``_refinement.py`` refines these
-answers, and ``_search.py`` holds and ranks them. ``_among_obstacles.py`` and ``_stops_among.py``
-plan paths around obstacles, ``_guided.py`` searches from them. ``_result.py`` returns the motion,
-also that of least effort; ``_orders.py`` compares orders of stops; ``_prepared.py`` solves again
-with other numbers.
+answers, and ``_search.py`` holds and ranks them. ``_legs.py`` holds paths around obstacles,
+``_among_obstacles.py`` plans them, and ``_guided.py`` searches from them. ``_result.py`` returns
+the motion, also that of least effort; ``_orders.py`` compares orders of stops; ``_prepared.py``
+solves again with other numbers.
 """
 
 import lazy_loader

@@ -1,12 +1,9 @@
 """Public names, loaded on first use."""
 
-from ._among_obstacles import (
-    ProvedPath as ProvedPath,
-    legs_between as legs_between,
-    timed_paths as timed_paths,
-)
+from ._among_obstacles import LegPlanner as LegPlanner
 from ._branches import least_duration as least_duration
 from ._estimate import rested_duration as rested_duration
+from ._legs import ProvedPath as ProvedPath, at_least as at_least
 from ._prepared import TimeOptimalSolver as TimeOptimalSolver
 from ._result import FREE as FREE
 from ._settings import TimeOptimalSettings as TimeOptimalSettings
@@ -22,6 +19,7 @@ from ._stop_motion import (
     tool_poses as tool_poses,
 )
 from ._through_stops import (
+    SolveRequest as SolveRequest,
     fastest_through as fastest_through,
     in_order as in_order,
     motions_of_front as motions_of_front,

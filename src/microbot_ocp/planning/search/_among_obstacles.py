@@ -1,9 +1,8 @@
-"""Free time-optimal motions among obstacles.
+"""Motions through via points or stops among obstacles, with the parts that the arm carries.
 
-A planner finds joint paths around the obstacles. Each path, with a timing that keeps every limit,
-is a motion that is proved to keep clear. The search for the fastest motion starts from these paths,
-timed by reachability, one after another until one converges. The result is the motion found, or
-a path with its best timing, if that is faster or the search failed or ran out of time.
+A way is one branch of the arm at every stop. A planner leads the blocked free segments of each way
+around the obstacles. The search starts from the fastest of these timed ways. On every segment the
+arm and its payload keep clear.
 
 Exact geometry decides: where it is known, paths and proofs use it. Capsules are the smooth
 approximation in the nonlinear program, and may overlap as far as they do on the path. If the exact
@@ -14,560 +13,556 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import Any
+from functools import cached_property, partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from microbot_ocp._base import deadline
-from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp._base.codegen import compiles, interpreted
-from microbot_ocp._base.outcome import Advice, Outcome
+from microbot_ocp._base import checks, deadline
+from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.codegen import interpreted
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LIMIT_TOLERANCE, LimitFamily
-from microbot_ocp.motion import Mark, Motion, dense_times, polynomial_of
-from microbot_ocp.ocp.solution import StepProgress, quiet
-from microbot_ocp.planning.free import InitialGuess, guesses_along, joined, known_ways, phase_names
-from microbot_ocp.planning.path import LATER, PathTiming, check_path, time_path
-from microbot_ocp.planning.search._branches import straight_way
-from microbot_ocp.planning.search._guided import GuidedSearch, is_clear, poses_along
-from microbot_ocp.planning.search._queue import Level, best_first
-from microbot_ocp.planning.search._result import NONE_WITHIN, returned
-from microbot_ocp.planning.search._settings import TimeOptimalSettings, reserving
-from microbot_ocp.planning.search._through_stops import SolveRequest
-from microbot_ocp.planning.task import Task, TaskScale, length_text
-from microbot_ocp.planning.timing import PathTimingSettings, best_timing
-from microbot_ocp.robot import Robot
-from microbot_ocp.scene import (
-    FIRST_SEARCHES,
-    Clearance,
-    Detour,
-    Scene,
-    Surroundings,
-    clearance,
-    detour,
-    with_arm_capsules,
+from microbot_ocp.motion import Motion, PiecewisePolynomial, polynomial_of
+from microbot_ocp.planning.free import InitialGuess, excess_along, guess_along, phase_names
+from microbot_ocp.planning.search._branches import Way, least_time, ways_through
+from microbot_ocp.planning.search._guided import (
+    CoarseResult,
+    FrontFunction,
+    GuidedSearch,
+    is_clear,
+    poses_along,
 )
+from microbot_ocp.planning.search._legs import (
+    Leg,
+    ProvedPath,
+    as_plain,
+    at_least,
+    choices_of,
+    differs,
+    not_found,
+    nothing_found,
+    search_legs,
+    touching,
+)
+from microbot_ocp.planning.search._orders import (
+    best_order,
+    optimistic_duration_of,
+    rest_duration_of,
+    tasks_in_orders,
+)
+from microbot_ocp.planning.search._queue import Level, best_first
+from microbot_ocp.planning.search._result import (
+    LEFT_OUT,
+    keep_faster,
+    remark_of_branches,
+    row_of_way,
+    taken_first,
+)
+from microbot_ocp.planning.search._starts import rest_to_rest, segment_timings
+from microbot_ocp.planning.search._stop_motion import motion_of, places_along, scenes_of, tool_poses
+from microbot_ocp.planning.search._through_stops import Front, SolveRequest
+from microbot_ocp.planning.task import Stop, Task, TaskScale, one_remark
+from microbot_ocp.robot import Capsule, Robot
+from microbot_ocp.scene import Clearance, Surroundings, clearance_along, with_arm_capsules
 from microbot_ocp.trajectories import quintic, shortest_duration
 
-DIFFERENT = 0.02  # relative difference of durations from which two timed paths are different
-NOTHING_FASTER = "the search found nothing faster"
-THE_MOTION = "the motion found"
-AT_CORNERS = "path around obstacles, at rest at its corners"
+MOST_GUESSES = 4  # largest number of timed ways from which a search starts
 
 
-@dataclass(frozen=True, eq=False)
-class TimedPath:
-    """A path around the obstacles with a timing; its motion is marked at the via points."""
+def stops_among(request: SolveRequest) -> Motion:
+    """Return the fastest motion through stops that keeps clear of a scene.
 
-    name: str
-    motion: Motion
-
-
-@dataclass(frozen=True, eq=False)
-class ProvedPath(TimedPath):
-    """A timed path within all limits, with the proof that it keeps clear."""
-
-    clearance: Clearance
-
-    @property
-    def made_from(self) -> str:
-        """Origin of the motion, for messages."""
-        how = self.motion.provenance
-        if how.get("method") == AT_CORNERS:
-            return f"a {AT_CORNERS}"
-        return how.get("made_from", "the best timing of a path around the obstacles")
-
-
-@dataclass(eq=False)
-class WayAround:
-    """A way from one pose to another around the obstacles, and its timings."""
-
-    family: LimitFamily
-    settings: TimeOptimalSettings
-    detour: Detour
-
-    @cached_property
-    def reached(self) -> PathTiming | None:
-        """Best timing under the limits of reachability; None if the path leaves the position
-        limits, or if the arm cannot hold one of its poses.
-        """
-        path = self.detour.path
-        assert path is not None
-        with suppress(InputError):
-            timing = time_path(self.family.robot, path, compiled=self.settings.compiled)
-            return timing if timing.solved else None
-        return None
-
-    @property
-    def bound(self) -> float:
-        """Lower bound on the duration, s: reachability leaves out some limits, such as rates."""
-        return np.inf if self.reached is None else self.reached.duration
-
-    @property
-    def kept(self) -> Motion | None:
-        """Motion of the best timing, if reachability covers every limit; None otherwise."""
-        timing = self.reached
-        if timing is None or self.family.jerk_matters or timing.limits_kept_by[LATER]:
-            return None
-        return timing.motion("timed path")
-
-    @cached_property
-    def motion(self) -> Motion | None:
-        """Motion of the best timing within all limits; None if none is found in time."""
-        best = self.kept
-        if best is not None or deadline.over():
-            return best
-        path = self.detour.path
-        assert path is not None
-        with suppress(InputError):
-            check_path(self.family, path)
-            request = PathTimingSettings(
-                limit_tolerance=self.settings.limit_tolerance, compiled=self.settings.compiled
-            )
-            motion = best_timing(self.family, path, request, "timed path", quiet)
-            if motion.solved and _keeps_limits(self.family, motion):
-                return motion
-        return None if deadline.over() else _resting_at_corners(self.family, self.detour)
-
-
-@dataclass(eq=False)
-class Leg:
-    """Ways from one pose [n] to another, found by numbered searches.
-
-    Attributes
-    ----------
-    ways : list of WayAround
-        Ways; the first is feasible within the limits.
-    failed : list of Detour
-        Searches without a feasible way.
-    first_motion : Motion or None
-        First way with a timing within all limits, available at once: the best timing, or one that
-        rests at every corner if the best takes long to compute.
-    certified : float
-        Processor time, s, at which a motion along all legs was first proved clear.
-    refused : bool
-        True if a way was infeasible within the limits.
-    searches : int
-        Number of searches made.
-    """
-
-    around: Surroundings
-    start: FloatArray
-    goal: FloatArray
-    settings: TimeOptimalSettings
-    ways: list[WayAround] = field(default_factory=list)
-    failed: list[Detour] = field(default_factory=list)
-    first_motion: Motion | None = None
-    certified: float = np.inf
-    refused: bool = False
-    searches: int = 0
-
-    def search(self, number: int, progress: StepProgress) -> None:
-        """Make the search with this number, unless it was made before or is needless."""
-        routes = [*(way.detour for way in self.ways), *self.failed]
-        straight = any(candidate.name == "straight" for candidate in routes)
-        # A free straight path, or a motion after the first searches, makes this search needless.
-        if number < self.searches or straight or (number >= FIRST_SEARCHES and self.first_motion):
-            return
-        self.searches = number + 1
-        candidate = detour(self.around, self.start, self.goal, self.settings.seed, number)
-        if candidate.path is None:
-            self.failed.append(candidate)
-            progress(f"search {number}: no path in {candidate.checks} poses")
-            return
-        family = LimitFamily.of(self.around.robot)
-        way = WayAround(family, self.settings, candidate)
-        # The first way gives a certified motion as soon as possible; its best timing may take
-        # longer than the search for others.
-        if self.first_motion is None:
-            self.first_motion = way.kept or _resting_at_corners(family, candidate)
-        if self.first_motion is None:
-            self.refused = True
-            self.failed.append(candidate)
-        else:
-            self.ways.append(way)
-
-    def way(self, choice: int) -> WayAround:
-        """Return the way of a number; the last one if there are fewer."""
-        return self.ways[min(choice, len(self.ways) - 1)]
-
-    def bound(self, choice: int) -> float:
-        """Return a lower bound on the duration of a way, s."""
-        return self.way(choice).bound
-
-    def guess(self, choice: int) -> Motion | None:
-        """Return the start of a search: a way timed under the limits of reachability."""
-        timing = self.way(choice).reached
-        return self.motion(choice) if timing is None else timing.motion("timed path")
-
-    def motion(self, choice: int) -> Motion | None:
-        """Return a way with its best timing within all limits; None if none is found in time."""
-        way = self.way(choice)
-        return way.motion or (self.first_motion if way is self.ways[0] else None)
-
-
-def _resting_at_corners(family: LimitFamily, way: Detour) -> Motion | None:
-    """Return a motion along a polyline that rests at its corners; None if limits forbid it."""
-    robot: Robot = family.robot
-    # A quintic from rest to rest has zero velocity at both ends, so the polyline is followed
-    # exactly and keeps the proof of the path.
-    assert way.corners is not None
-    ends = itertools.pairwise(way.corners)
-    shapes = [quintic(pair, [0.0, 1.0], np.zeros((2, robot.joint_count))) for pair in ends]
-    try:  # a loose tolerance suffices: the motion is only a fallback
-        scaled = [shortest_duration(robot, path, tolerance=1e-3).polynomial for path in shapes]
-    except InputError:  # the path leaves the position limits, or the arm cannot hold a pose
-        return None
-    how = {"method": AT_CORNERS}
-    motion = Motion.from_polynomial(robot, joined(scaled), label="timed path", provenance=how)
-    return motion if _keeps_limits(family, motion) else None
-
-
-def _keeps_limits(family: LimitFamily, motion: Motion) -> bool:
-    dense = motion.samples(dense_times(motion)[0])
-    return bool(family.excess(dense).max() <= LIMIT_TOLERANCE)
-
-
-def search_legs(
-    ways: Sequence[Sequence[Leg]], progress: StepProgress, searches: int = FIRST_SEARCHES
-) -> None:
-    """Search for paths on the legs of several ways.
-
-    Each leg gets at least ``searches`` searches. If no way is feasible on all of its legs, further
-    searches follow until one is or the time is over.
-    """
-    with reserving():
-        for number in itertools.count():
-            for leg in itertools.chain(*ways):
-                leg.search(number, progress)
-                if deadline.over():
-                    return
-            # One complete way ends the searches; without one they go on, because a path may be
-            # found by the next seed.
-            is_there = any(all(leg.first_motion for leg in legs) for legs in ways)
-            if is_there and number + 1 >= searches:
-                return
-
-
-def choices_of(legs: Sequence[Leg]) -> range:
-    """Return the numbers of the ways along all legs; empty if a leg has no way."""
-    there = all(leg.first_motion for leg in legs)
-    # Choice k takes the k-th path of every leg: all combinations of n legs with k paths would be
-    # k^n.
-    return range(max((len(leg.ways) for leg in legs), default=1) if there else 0)
-
-
-def differs(duration: float, others: Iterable[float]) -> bool:
-    """Return True if a duration differs from all others, s, so that its path is a new one."""
-    return all(abs(duration - other) > DIFFERENT * other for other in others)
-
-
-@dataclass(frozen=True, eq=False)
-class _Start:
-    """A timed path as a candidate of the queue, with the motion and proof that a search found."""
-
-    path: TimedPath
-    duration: float
-    level: Level = Level.TIMED
-    motion: Motion | None = None
-    proof: Clearance | None = None
-
-    @property
-    def keeps_limits(self) -> bool:
-        """False for a motion that is not solved or not proved to keep clear."""
-        return self.motion is None or (self.motion.solved and is_clear(self.proof))
-
-    @property
-    def fallback(self) -> ProvedPath | None:
-        """Motion that keeps clear and the limits, but is not solved."""
-        if self.motion is None or self.motion.solved or not is_clear(self.proof):
-            return None
-        return ProvedPath(self.path.name, self.motion, self.proof)
-
-
-def fastest_among(
-    request: SolveRequest, family: LimitFamily, via: FloatArray, names: Sequence[str] = ()
-) -> Motion:
-    """Return the fastest motion through via points [m,n], rad (m), that keeps clear of a scene.
-
-    ``names`` are the names of the via points in messages.
+    A free order of the stops is decided among the obstacles.
 
     Raises
     ------
     InputError
-        A via point is in collision, or OMPL or coal is not installed.
+        At some stop every branch of the arm touches an obstacle.
     """
-    begin, begin_processor = time.perf_counter(), deadline.processor_time()
-    settings, progress, scene = request.settings, request.progress, request.scene
-    assert scene is not None
-    robot: Robot = with_arm_capsules(family.robot)
-    family = LimitFamily.of(robot)
-    around = Surroundings(robot, scene)
-    names = names or ["start", *(f"via point {k}" for k in range(2, len(via))), "goal"]
-    check_apart(around, via, names)
-    legs = legs_between(around, via, settings, progress)
-    planned = time.perf_counter()
-    task, tried = Task.through(family, via), list[TimedPath]()
-
-    def raised(start: _Start, _: float) -> list[_Start]:
-        tried.append(start.path)
-        progress(f"{start.path.name}: {start.duration:.4f} s by reachability")
-        front, proofs = _guided(request, task, scene, start.path).motions()
-        motions = front[0]
-        if not motions:
-            return []
-        motion, proof = motions[0][1], proofs[0]
-        if not motion.solved and is_clear(proof):
-            motion = replace(motion, provenance={"made_from": THE_MOTION, **motion.provenance})
-        given = {"duration": motion.duration, "motion": motion, "proof": proof}
-        return [replace(start, level=Level.FINISHED, **given)]
-
-    starts = [_Start(path, path.motion.duration) for path in starts_of(legs)]
-    finished = sorted(best_first(starts, raised), key=lambda f: (not f.keeps_limits, f.duration))
-    search, proof = (finished[0].motion, finished[0].proof) if finished else (None, None)
-    below = finished[0].duration if finished and finished[0].keeps_limits else None
-    proved_paths = [proved for f in finished if (proved := f.fallback) is not None]
-    # Other paths are timed only if their lower bound is below the duration of the motion found.
-    names_tried = () if below is None else [path.name for path in tried]
-    paths = [*proved_paths, *timed_paths(around, legs, progress, below=below, tried=names_tried)]
-    more: dict[str, Any] = {
-        "scene": list(scene.names),
-        "paths": [{"start": p.name, "duration": p.motion.duration} for p in tried],
-        "planning_time": planned - begin,
-    }
-    if paths or below is not None:
-        # Processor time, which does not depend on other programs of the machine.
-        more["first_certified"] = legs[0].certified - begin_processor
-        fallback = min(paths, key=lambda path: path.motion.duration, default=None)
-        is_fallback = any(path.motion is search for path in proved_paths)
-        best = at_least(fallback, search, None if is_fallback else proof)
-    else:
-        with interpreted():  # compilation does not pay for one motion, often after the deadline
-            motion = _ignoring(family, via, settings)
-        proof = clearance(robot, motion, scene)
-        best = not_found(motion, nothing_found(legs, names), proof)
-    more["wall_time"] = time.perf_counter() - begin
-    return replace(best, provenance={**best.provenance, **more})
+    request = replace(request, robot=with_arm_capsules(request.robot))
+    if request.order == "given":
+        (fastest, *_), _ = motions_among(request)
+        return fastest[1]
+    legs = LegPlanner(request)
+    # A stop that is blocked without payloads is blocked in every order: report it at once.
+    bare = [replace(s, payload=None) if isinstance(s, Stop) else s for s in request.stops]
+    legs.clear_ways(replace(request, stops=bare).task())
+    tasks = tasks_in_orders(request)
+    legs.search(list(tasks.values()))
+    return best_order(request, tasks, partial(_OrderAmongObstacles, request, legs))
 
 
-def at_least(fallback: ProvedPath | None, motion: Motion | None, proof: Clearance | None) -> Motion:
-    """Return the motion of a search, or else the fallback.
+def motions_among(request: SolveRequest, front_of: FrontFunction | None = None) -> Front:
+    """Return the requested motions in a scene, by default the fastest one.
 
-    The motion counts if it is proved clear, and is faster than the fallback, of less effort, or not
-    solved. The fallback is a timed path, or a motion of the search slowed down at limits.
+    Raises
+    ------
+    InputError
+        As :func:`stops_among`.
     """
-    if motion is not None:
-        faster = fallback is None or motion.duration < fallback.motion.duration
-        faster = faster or "least_effort" in motion.provenance
-        if is_clear(proof) and (faster or not motion.solved):
-            provenance = {**motion.provenance, "clearance": as_plain(proof)}
-            return replace(motion, provenance=provenance)
-    assert fallback is not None
-    outcome = _outcome_of(fallback, motion, proof)
-    remark = f"{fallback.made_from}: {outcome.text}"
-    if not outcome.solved:
-        outcome = outcome.and_(returned(fallback.made_from))
-    return replace(fallback.motion, label="time-optimal", remark=remark).ended(
-        outcome, made_from=fallback.made_from, clearance=as_plain(fallback.clearance)
-    )
+    request = replace(request, robot=with_arm_capsules(request.robot))
+    task, legs = request.task(), LegPlanner(request)
+    legs.search([task])
+    return _OrderAmongObstacles(request, legs, task).motions(front_of)
 
 
-def _outcome_of(fallback: ProvedPath, motion: Motion | None, proof: Clearance | None) -> Outcome:
-    """Return the outcome of a search whose motion is replaced by a fallback."""
-    if motion is None:
-        return Outcome.of(deadline.status())
-    outcome, ledger = motion.outcome, motion.outcome.ledger.discarded()
-    is_timed_path = "made_from" not in fallback.motion.provenance
-    # A timed path obeys every limit of the search, so the search should not end slower.
-    slower = is_timed_path and motion.duration >= fallback.motion.duration
-    if slower and outcome.status is Status.LIMITS_EXCEEDED:  # the faster path keeps the limits
-        outcome = Outcome.of(Status.SOLVED, NOTHING_FASTER)
-    if is_clear(proof):
-        outcome = Outcome.of(outcome.status, NOTHING_FASTER)
-        if deadline.over():
-            outcome = Outcome.of(deadline.status())
-    elif proof is not None:
-        outcome = Outcome.of(Status.NOT_ACCEPTED, proof.sentence)
-    elif outcome.status in (Status.INFEASIBLE, Status.LIMITS_EXCEEDED):  # the fallback is feasible
-        outcome = Outcome.of(Status.FAILED, NONE_WITHIN)
-    if motion is fallback.motion:
-        ledger = motion.outcome.ledger
-        if motion.status in (Status.INFEASIBLE, Status.LIMITS_EXCEEDED):
-            outcome = Outcome.of(Status.NOT_ACCEPTED)  # within the tolerance of a certificate
-    # The fallback is named by the caller, once.
-    advice = tuple(row for row in outcome.advice if row.kind != "returned")
-    return replace(outcome, advice=advice, ledger=ledger)
+class GuidedWay(NamedTuple):
+    """A way whose free segments lead around obstacles.
+
+    Attributes
+    ----------
+    way : Way
+    shapes : dict of str to PiecewisePolynomial
+        Path of every free segment, timed from rest to rest under the limits of reachability.
+    durations : list of float or None
+        Duration of every segment, s; None if its timing failed.
+    name : str
+    legs : list of Leg or None
+        Leg of every free segment.
+    choice : int
+        Number of the path that every leg takes.
+    """
+
+    way: Way
+    shapes: dict[str, PiecewisePolynomial]
+    durations: list[float | None]
+    name: str
+    legs: list[Leg | None]
+    choice: int
 
 
-def not_found(motion: Motion, why: str, hit: Clearance) -> Motion:
-    """Return a motion that ignores the obstacles, with its contact and the status "not found"."""
-    advice = f"{why}. {Status.NOT_FOUND.sentence}\nReturned is a motion that ignores the obstacles."
-    provenance = {"method": "free time-optimal motion among obstacles", **motion.provenance}
-    outcome = Outcome.of(Status.NOT_FOUND, advice, Advice("contact", hit.sentence))
-    unsolved = replace(motion, label="time-optimal", provenance=provenance)
-    return unsolved.ended(outcome, clearance=as_plain(hit))
+@dataclass(frozen=True, eq=False)
+class _Guided:
+    """A way around obstacles as a candidate of the queue."""
+
+    guide: GuidedWay
+    duration: float
+    level: Level = Level.BOUND
+    solved: bool = True
+    front: Front = field(default_factory=lambda: ([], ""))
+    proofs: list[Clearance | None] = field(default_factory=list)
+
+    @property
+    def keeps_limits(self) -> bool:
+        """False for a motion that is not solved or not proved to keep clear."""
+        return self.solved and np.isfinite(self.duration)
+
+    @property
+    def rank(self) -> tuple[bool, bool, float]:
+        """Sort key: solved and clear motions first, then other clear ones; ties by duration."""
+        # The first motion of a front decides: its other motions start from the first.
+        return not self.keeps_limits, not any(map(is_clear, self.proofs[:1])), self.duration
 
 
-def check_apart(around: Surroundings, via: FloatArray, names: Sequence[str]) -> None:
-    """Raise InputError if the arm touches something at a via point [m,n], rad (m)."""
-    for name, q in zip(names, via, strict=True):
-        contact = around.collision(q)
-        if contact is not None:
-            raise InputError(f"{name} {touching(contact, around.scene.clearance)}")
+class _OrderAmongObstacles:
+    """One order of stops among obstacles."""
 
-
-def touching(hit: Any, wanted: float) -> str:
-    other, link = hit.pair.other.name, hit.pair.capsule.name
-    if hit.distance <= 0.0:
-        sentence = (
-            f"in collision with {other!r} by {length_text(abs(hit.distance))} at link {link!r}"
+    def __init__(self, request: SolveRequest, legs: LegPlanner, task: Task) -> None:
+        self._request, self.task, self._scene, self._legs = request, task, legs.scene, legs
+        self._guided = legs.guides(task)
+        times = [guide.durations for guide in self._guided]
+        self.rest_duration = min(
+            (rest_duration_of(task, durations) for durations in times), default=np.inf
         )
-        # Capsules stand out from the meshes of links that they enclose: at a contact within that
-        # excess the meshes may not touch.
-        excess = sum(getattr(shape, "excess", 0.0) for shape in (hit.pair.capsule, hit.pair.other))
-        if -hit.distance < excess:
-            sentence += (
-                f", whose capsules stand out by up to {length_text(excess)}: the link itself may "
-                "be free there; closer ones: robot.with_capsules(mo.fit_capsules(robot, most=4))"
-            )
-        return sentence
-    return (
-        f"too near to {other!r}: {length_text(hit.distance)} at link {link!r}, not more than the "
-        f"clearance of {length_text(wanted)}"
-    )
+        self.optimistic_duration = min(
+            (optimistic_duration_of(task, durations) for durations in times), default=np.inf
+        )
+        self._coarse_results: dict[str, CoarseResult] = {}
+
+    @cached_property
+    def _fallback(self) -> ProvedPath | None:
+        """Fastest way that rests at every stop, within all limits and proved clear, or None."""
+        timed = (self._legs.timed(self.task, guide) for guide in self._guided)
+        return next((path for path in timed if path is not None), None)
+
+    def _search(self, guide: GuidedWay) -> GuidedSearch:
+        task, way = self.task, guide.way
+        names = phase_names(len(task.segments))
+        usual = rest_to_rest(task, way, names, self._request.settings.compiled)
+        around = {name: guess_along(shape) for name, shape in guide.shapes.items()}
+        start = InitialGuess(guide.name, {**usual.guesses, **around})
+        poses = tuple(
+            poses_along(guide.shapes[name]) if name in guide.shapes else path
+            for name, path in zip(names, way.paths, strict=True)
+        )
+        return GuidedSearch(self._request, task, self._scene, way, start, poses)
+
+    def _coarse(self, guide: GuidedWay) -> CoarseResult | None:
+        """Return the coarse answers along a way; None if the time limit has passed."""
+        if guide.name not in self._coarse_results:
+            with suppress(deadline.Over):
+                self._coarse_results[guide.name] = self._search(guide).coarse_result()
+        return self._coarse_results.get(guide.name)
+
+    @cached_property
+    def _first_paths(self) -> dict[Way, GuidedWay]:
+        """The fastest timed path of each way."""
+        paths: dict[Way, GuidedWay] = {}
+        for guide in self._guided:
+            paths.setdefault(guide.way, guide)
+        return paths
+
+    def coarse_duration(self, duration_to_beat: float) -> float:
+        """Return the least coarse duration of all ways on their fastest paths, s, with dwells."""
+        dwell_time, least = float(self.task.dwells.sum()), np.inf
+        for guide in self._first_paths.values():
+            most = min(duration_to_beat - dwell_time, least)
+            if least_time(self.task, guide.way) > most or (np.isfinite(most) and deadline.over()):
+                continue
+            result = self._coarse(guide)
+            least = min(least, np.inf if result is None else result.duration)
+        return least + dwell_time
+
+    def motion(self) -> Motion:
+        return self.motions()[0][0][1]
+
+    def motions(self, front_of: FrontFunction | None = None) -> Front:
+        """Return the requested motions; the fallback replaces the first if the first is worse.
+
+        The best coarse answer is refined; if it leads to no motion that is proved to keep clear,
+        the next one follows.
+        """
+        found = self._found(front_of)
+        # A solved and clear motion that is faster than any timed path needs no fallback.
+        best = found is not None and found.keeps_limits and found.duration <= self.rest_duration
+        fallback = None if best else self._fallback
+        front, proofs = (([], ""), []) if found is None else (found.front, found.proofs)
+        branches = [] if found is None else self._branches(found.guide.way)
+        judged: list[tuple[float, Motion]] = []
+        for place, ((effort, motion), proof) in enumerate(zip(front[0], proofs, strict=True)):
+            remark = one_remark(remark_of_branches(branches), motion.remark)
+            motion = replace(_with(motion, branches=branches), remark=remark)
+            # Only the fastest motion has a fallback: motions of less effort start from the fastest.
+            if place == 0 and (fallback is not None or is_clear(proof)):
+                motion = at_least(fallback, motion, proof)
+                effort = np.nan if "made_from" in motion.provenance else effort
+            elif proof is None or not proof.proved:
+                motion = self._not_found(motion, proof)
+            else:
+                motion = _with(motion, clearance=as_plain(proof))
+            judged.append((effort, motion))
+        if not judged and fallback is not None:
+            judged = [(np.nan, at_least(fallback, None, None))]
+        elif not judged:
+            judged = [(np.nan, self._not_found(None, None))]
+        paths = [
+            {"start": guide.name, "duration": rest_duration_of(self.task, guide.durations)}
+            for guide in self._guided
+        ]
+        about = {"scene": list(self._scene.names), "paths": paths, **self._legs.times}
+        return [(effort, _with(motion, **about)) for effort, motion in judged], front[1]
+
+    def _found(self, front_of: FrontFunction | None) -> _Guided | None:
+        """Return the way with the best of the requested motions, or None."""
+
+        def raised(guided: _Guided, _: float) -> list[_Guided]:
+            result = self._coarse(guided.guide)
+            if result is None:
+                return []
+            if guided.level is Level.BOUND:
+                return [replace(guided, level=Level.COARSE, duration=result.duration)]
+            front, proofs = self._search(guided.guide).motions(front_of, result)
+            if not front[0]:
+                return []
+            motion, proof = front[0][0][1], proofs[0]
+            solved = motion.solved and is_clear(proof)
+            given = {"duration": motion.duration, "solved": solved, "front": front}
+            return [replace(guided, level=Level.FINISHED, proofs=proofs, **given)]
+
+        finished = best_first(map(self._candidate, self._guided), raised)
+        return min(finished, key=lambda guided: guided.rank, default=None)
+
+    def _candidate(self, guide: GuidedWay) -> _Guided:
+        """Return a path around obstacles as a candidate.
+
+        A motion may be far faster than the timing of its path from rest to rest. The first path of
+        each way is therefore bounded by velocities; other paths of the way count by their timing.
+        """
+        if guide is self._first_paths[guide.way]:
+            return _Guided(guide, least_time(self.task, guide.way))
+        timed = optimistic_duration_of(self.task, guide.durations, share=1.0)
+        return _Guided(guide, timed - float(self.task.dwells.sum()))
+
+    def _branches(self, taken: Way) -> list[dict[str, Any]]:
+        """Return the coarse duration of every way through the branches, the taken one first."""
+        rows: dict[str, dict[str, Any]] = {}
+        dwell_time = float(self.task.dwells.sum())
+        for guide in self._guided:
+            way, coarse_result = guide.way, self._coarse_results.get(guide.name)
+            if coarse_result is None:
+                least = least_time(self.task, way) + dwell_time
+                row = row_of_way(way, None, LEFT_OUT, way is taken, at_least=least)
+            else:
+                solved = bool(np.isfinite(coarse_result.duration))
+                status = str(Status.SOLVED if solved else Status.FAILED)
+                duration = coarse_result.duration + dwell_time if solved else None
+                row = row_of_way(way, duration, status, way is taken)
+            keep_faster(rows, way, row)
+        return sorted(rows.values(), key=taken_first)
+
+    def _not_found(self, attempt: Motion | None, proof: Clearance | None) -> Motion:
+        """Return a motion that ignores the obstacles, with the status "not found"."""
+        task, legs = self.task, self._legs
+        way, parts = legs.ways(task)[0]
+        if attempt is None:
+            names = [f"stop {stop.name!r}" for stop in task.stops]
+            free = [None if kind else leg for kind, leg in zip(task.segments, parts, strict=True)]
+            why = nothing_found(free, names)
+        else:
+            why = attempt.advice if proof is None else proof.sentence
+        with interpreted():  # compilation does not pay for one motion, often after the deadline
+            shapes = [_unhindered(task, way, k) for k in range(len(task.segments))]
+        motion = _joined(task, way, shapes)
+        hit = clearance_along(places_along(task, motion, self._scene), motion)
+        return not_found(motion, why, hit)
 
 
-def legs_between(
-    around: Surroundings, via: FloatArray, settings: TimeOptimalSettings, progress: StepProgress
-) -> list[Leg]:
-    """Return the legs from each via point [m,n] to the next, with their ways.
+def _with(motion: Motion, **more: Any) -> Motion:
+    return replace(motion, provenance={**motion.provenance, **more})
 
-    The first way through all legs is timed and proved before others are searched for.
+
+def _joined(task: Task, way: Way, shapes: Sequence[PiecewisePolynomial]) -> Motion:
+    """Return segments one after another as a motion through the stops."""
+    provenance = {
+        "method": "path through stops, at rest at each of them",
+        "branches": [{"branches": list(way.branches), "q": way.via.tolist(), "taken": True}],
+        "segments": [type(kind).__name__ if kind else "free" for kind in task.segments],
+    }
+    return motion_of(task, shapes, provenance)
+
+
+def _may_rest(stop: Stop) -> bool:
+    """Return True if the arm may be at rest at a stop."""
+    return stop.velocity is None or isinstance(stop.velocity, str) or not np.any(stop.velocity)
+
+
+def _keeps_limits(robot: Robot, shape: PiecewisePolynomial) -> bool:
+    return bool(excess_along(LimitFamily.of(robot), shape).max() <= LIMIT_TOLERANCE)
+
+
+def _unhindered(task: Task, way: Way, index: int) -> PiecewisePolynomial:
+    """Return a segment from rest to rest along its own path, within the limits if possible."""
+    path = way.paths[index]
+    shape = quintic(path, np.linspace(0.0, 1.0, len(path)))
+    try:
+        return shortest_duration(task.robots[index], shape, tolerance=1e-3).polynomial
+    except InputError:  # no duration keeps all limits
+        typical = TaskScale.of(LimitFamily.of(task.payloads[index].on(task.robot)), path)
+        return shape.stretched(float(typical.durations.sum()))
+
+
+class LegPlanner:
+    """Planner of paths between poses among obstacles, shared by all orders of the stops.
+
+    Attributes
+    ----------
+    scene : Scene
+    planning : float
+        Wall time of the searches for paths, s.
+    first_certified : float
+        Processor time until a motion was first proved clear, s; infinite before that.
     """
-    legs = [Leg(around, start, end, settings) for start, end in itertools.pairwise(via)]
-    search_legs([legs], progress, searches=1)
-    first = _proved(around, legs, 0, [leg.first_motion for leg in legs])
-    if first is not None:
-        progress(f"path {first.name}: {first.motion.duration:.4f} s, the first that is known")
-    search_legs([legs], progress)
-    return legs
 
+    def __init__(self, request: SolveRequest) -> None:
+        assert request.scene is not None
+        self._begin, self._begin_processor = time.perf_counter(), deadline.processor_time()
+        self.planning, self.first_certified = 0.0, np.inf
+        self.scene, self._settings, self._progress = (
+            request.scene,
+            request.settings,
+            request.progress,
+        )
+        self._surroundings: dict[Any, Surroundings] = {}
+        self._legs: dict[Any, Leg] = {}
+        self._ways: dict[Task, list[tuple[Way, list[Leg | None]]]] = {}
 
-def starts_of(legs: Sequence[Leg]) -> Iterator[TimedPath]:
-    """Yield different ways through via points as starts of a search, the fastest first."""
-    durations: list[float] = []
-    for choice in _by_bound(legs):
-        path = _joined(legs, choice, (leg.guess(choice) for leg in legs))
-        if path is not None and differs(path.motion.duration, durations):
-            durations.append(path.motion.duration)
-            yield path
+    def search(self, tasks: Sequence[Task]) -> None:
+        """Search for paths between the stops of several tasks until one has a complete way."""
+        for task in tasks:
+            carried = [capsule.name for held in task.robots for _, capsule in held.capsules]
+            for name in sum(self.scene.ignore, ()):
+                checks.one_of("name in ignore", name, sorted({*carried, *self.scene.names}))
+        ways, refused = [], None
+        for task in tasks:
+            try:
+                ways += [list(filter(None, legs)) for _, legs in self.ways(task)]
+            except InputError as problem:  # another order may be feasible
+                refused = refused or problem
+        if refused is not None and not ways:
+            raise refused
+        search_legs(ways, self._progress, searches=1)
+        # The first paths are proved before others are searched for: a certified motion is known
+        # early.
+        first = (self._first_known(task) for task in tasks)
+        found = next((path for path in first if path is not None), None)
+        if found is not None:
+            self._progress(f"{found.motion.duration:.4f} s, the first motion that is known")
+        search_legs(ways, self._progress)
+        self.planning = time.perf_counter() - self._begin
 
+    @property
+    def times(self) -> dict[str, float]:
+        """Times of the record, s: planning and wall time, and processor time to a first proof."""
+        times = {"planning_time": self.planning, "wall_time": time.perf_counter() - self._begin}
+        known = {"first_certified": self.first_certified}
+        return times | known if np.isfinite(self.first_certified) else times
 
-def timed_paths(
-    around: Surroundings,
-    legs: Sequence[Leg],
-    progress: StepProgress,
-    below: float | None = None,
-    tried: Sequence[str] = (),
-) -> Iterator[ProvedPath]:
-    """Yield different ways through via points with a timing within all limits, and proofs.
-
-    Ways come in the order of their lower bounds. With ``below``, s, only ways with a smaller bound
-    are timed, and none named in ``tried``. After the time limit one way is enough.
-    """
-    durations: list[float] = []
-    for choice in _by_bound(legs):
-        if durations and deadline.over():
-            return
-        if below is not None and sum(leg.bound(choice) for leg in legs) >= below:
-            return
-        if _name(legs, choice) in tried:
-            continue
-        timed = _proved(around, legs, choice, (leg.motion(choice) for leg in legs))
-        if timed is not None and differs(timed.motion.duration, durations):
-            durations.append(timed.motion.duration)
-            progress(f"path {timed.name}: {durations[-1]:.4f} s with its best timing")
-            yield timed
-
-
-def _by_bound(legs: Sequence[Leg]) -> list[int]:
-    return sorted(choices_of(legs), key=lambda choice: sum(leg.bound(choice) for leg in legs))
-
-
-def _proved(
-    around: Surroundings, legs: Sequence[Leg], choice: int, timed: Iterable[Motion | None]
-) -> ProvedPath | None:
-    """Return a way with a timing of each leg, at rest at via points; None if not proved clear."""
-    path = _joined(legs, choice, timed)
-    proof = None if path is None else clearance(around.robot, path.motion, around.scene)
-    if path is None or proof is None or not proof.proved:
+    def _first_known(self, task: Task) -> ProvedPath | None:
+        """Return the first timed path of a way as soon as every leg of it has one, or None."""
+        for way, legs in self.ways(task):
+            motions = [leg and leg.first_motion for leg in legs]
+            if all(motion or not leg for leg, motion in zip(legs, motions, strict=True)):
+                return self._proved(task, way, motions)
         return None
-    for leg in legs:
-        leg.certified = min(leg.certified, deadline.processor_time())
-    return ProvedPath(path.name, path.motion, proof)
 
+    def ways(self, task: Task) -> list[tuple[Way, list[Leg | None]]]:
+        """Return ways whose poses at the stops touch nothing, with the legs of their free segments.
 
-def _joined(legs: Sequence[Leg], choice: int, timed: Iterable[Motion | None]) -> TimedPath | None:
-    """Return the motions of all legs one after another; None if one is missing.
+        Raises
+        ------
+        InputError
+            Every way touches something.
+        """
+        if task not in self._ways:
+            clear = self.clear_ways(task)
+            self._ways[task] = [(way, self._legs_of(task, way, places)) for way, places in clear]
+        return self._ways[task]
 
-    The timings are lazy: none is computed after a missing one.
-    """
-    motions = list[Motion]()
-    for motion in timed:
-        if motion is None:
+    def clear_ways(self, task: Task) -> list[tuple[Way, list[Surroundings]]]:
+        """Return ways without contact at the stops, with the obstacles of each segment."""
+        clear, refused = [], []
+        for way in ways_through(task):
+            places = self._places(task, way)
+            blocked = _blocked(task, places, way)
+            if blocked:
+                refused.append(blocked)
+            else:
+                clear.append((way, places))
+        if not clear:
+            raise InputError(refused[0])
+        return clear
+
+    def _places(self, task: Task, way: Way) -> list[Surroundings]:
+        """Return the obstacles of every segment of a way; equal surroundings are one object.
+
+        Collision models are expensive to build, and surroundings are part of the key of a leg.
+        """
+        places = []
+        scenes = scenes_of(task, self.scene, tool_poses(task.robot, way.via))
+        for payload, scene in zip(task.payloads, scenes, strict=True):
+            robot = payload.on(task.robot)
+            # Obstacles beyond the given ones are parts that the arm has put down.
+            lying = [c for c in scene.obstacles[len(self.scene.obstacles) :] if type(c) is Capsule]
+            parts = tuple((c.name, c.start.tobytes(), c.end.tobytes(), c.radius) for c in lying)
+            # All segments share the given obstacles, so the lying parts complete the key.
+            key = robot, parts, scene.ignore
+            if key not in self._surroundings:
+                self._surroundings[key] = Surroundings(robot, scene.without_parts_of(robot))
+            places.append(self._surroundings[key])
+        return places
+
+    def _legs_of(self, task: Task, way: Way, places: Sequence[Surroundings]) -> list[Leg | None]:
+        legs: list[Leg | None] = []
+        ends = itertools.pairwise(way.via)
+        for kind, around, (start, goal) in zip(task.segments, places, ends, strict=True):
+            key = around, start.tobytes(), goal.tobytes()
+            if kind is None and key not in self._legs:
+                self._legs[key] = Leg(around, start, goal, self._settings)
+            legs.append(self._legs[key] if kind is None else None)
+        return legs
+
+    def guides(self, task: Task) -> list[GuidedWay]:
+        """Return ways with their free segments around the obstacles, the fastest first.
+
+        The list is empty if every way has a leg without a path.
+        """
+        names = phase_names(len(task.segments))
+        choices: list[tuple[float, int, Way, list[Leg | None], int]] = []
+        for number, (way, legs) in enumerate(self.ways(task)):
+            usual = self._usual(task, way)
+            for choice in choices_of(list(filter(None, legs))):
+                rows = zip(legs, usual, strict=True)
+                # Obstacles do not bend a segment with a kind, such as a tool line: its timing is
+                # the same for all choices.
+                bounds = [leg.bound(choice) if leg else s and s.duration for leg, s in rows]
+                choices.append((rest_duration_of(task, bounds), number, way, legs, choice))
+        guides: list[GuidedWay] = []
+        # Lower bounds are cheap and timings are not: only the best few choices are timed.
+        for _, _, way, legs, choice in sorted(choices, key=lambda entry: entry[:2]):
+            if guides and (deadline.over() or len(guides) == MOST_GUESSES):
+                break
+            usual = self._usual(task, way)
+            motions = [leg and leg.guess(choice) for leg in legs]
+            if any(leg and not motion for leg, motion in zip(legs, motions, strict=True)):
+                continue
+            shapes = {
+                name: polynomial_of(motion)
+                for name, motion in zip(names, motions, strict=True)
+                if motion
+            }
+            moves = [shapes.get(name, line) for name, line in zip(names, usual, strict=True)]
+            durations = [None if shape is None else shape.duration for shape in moves]
+            total = rest_duration_of(task, durations)
+            if differs(
+                total, (rest_duration_of(task, g.durations) for g in guides if g.way is way)
+            ):
+                name = f"{way.name}, around {len(guides) + 1}"
+                guides.append(GuidedWay(way, shapes, durations, name, legs, choice))
+                self._progress(f"{way.name}: {total:.4f} s around the obstacles from rest to rest")
+        return sorted(guides, key=lambda guide: rest_duration_of(task, guide.durations))
+
+    def _usual(self, task: Task, way: Way) -> tuple[PiecewisePolynomial | None, ...]:
+        """Return the best timing of every segment along its own path, or None."""
+        if not any(task.segments):
+            return (None,) * len(task.segments)
+        return segment_timings(task, way, self._settings.compiled)
+
+    def timed(self, task: Task, guide: GuidedWay) -> ProvedPath | None:
+        """Return a guided way with the best timing of every segment from rest to rest, or None."""
+        return self._proved(
+            task, guide.way, (leg and leg.motion(guide.choice) for leg in guide.legs)
+        )
+
+    def _proved(self, task: Task, way: Way, motions: Iterable[Motion | None]) -> ProvedPath | None:
+        """Return a way that rests at every stop, with a motion for every free segment.
+
+        Tool lines keep their own paths. The result is None if a segment has no timing within the
+        limits, a stop is passed in motion, or the way is not proved clear. No motion is computed
+        after a missing one.
+        """
+        if not all(map(_may_rest, task.stops)):
             return None
-        motions.append(motion)
-    times, whole = np.cumsum([0.0, *(m.duration for m in motions)]), motions[0]
-    if len(motions) > 1:
-        shape = joined([polynomial_of(m) for m in motions])
-        robot, how = legs[0].around.robot, whole.provenance
-        whole = Motion.from_polynomial(robot, shape, label="timed path", provenance=how)
-    marks = tuple(Mark(float(t), f"via {i + 1}") for i, t in enumerate(times))
-    return TimedPath(_name(legs, choice), replace(whole, marks=marks))
+        shapes: list[PiecewisePolynomial] = []
+        rows = zip(task.segments, task.robots, self._usual(task, way), motions, strict=True)
+        for k, (kind, robot, usual, motion) in enumerate(rows):
+            if kind is None and motion is None:
+                return None
+            shape = usual if motion is None else polynomial_of(motion)
+            if kind is not None and not (shape and _keeps_limits(robot, shape)):
+                shape = _unhindered(task, way, k)
+            assert shape is not None
+            if not _keeps_limits(robot, shape):
+                return None
+            shapes.append(shape)
+        motion = _joined(task, way, shapes)
+        proof = clearance_along(places_along(task, motion, self.scene), motion)
+        if not proof.proved:
+            return None
+        spent = deadline.processor_time() - self._begin_processor
+        self.first_certified = min(self.first_certified, spent)
+        return ProvedPath(motion, proof)
 
 
-def _name(legs: Sequence[Leg], choice: int) -> str:
-    return "path " + ", ".join(leg.way(choice).detour.name for leg in legs)
-
-
-def _guided(request: SolveRequest, task: Task, scene: Scene, path: TimedPath) -> GuidedSearch:
-    """Return the search that starts from a timed path."""
-    via = np.array([stop.q for stop in task.stops])
-    shape = polynomial_of(path.motion)
-    times = np.array([mark.time for mark in path.motion.marks])
-    start = InitialGuess(path.name, guesses_along(phase_names(len(via) - 1), shape, times))
-    poses = tuple(poses_along(shape, *pair) for pair in itertools.pairwise(times))
-    return GuidedSearch(request, task, scene, straight_way(via), start, poses)
-
-
-def as_plain(clearance: Clearance) -> dict[str, Any]:
-    names = ("minimum", "time", "pair", "proved", "at_least")
-    return {name: getattr(clearance, name) for name in names}
-
-
-def nothing_found(legs: Sequence[Leg | None], names: Sequence[str]) -> str:
-    """Return the reason why no free leg between poses of these names has a timed path."""
-    missing = next((k for k, leg in enumerate(legs) if leg and leg.first_motion is None), 0)
-    leg = legs[missing]
-    if leg is None or leg.first_motion is not None or leg.refused:
-        return "no path around the obstacles that was found can be travelled within the limits"
-    failed, start, end = leg.failed, names[missing], names[missing + 1]
-    poses = sum(search.checks for search in failed)
-    sentence = f"no path from the {start} to the {end} was found in {poses} poses"
-    if not failed:
-        return sentence
-    left = np.degrees(min(search.left for search in failed))
-    return f"{sentence}; the search came within {left:.3g} deg (in joint space) of the {end}"
-
-
-def _ignoring(family: LimitFamily, via: FloatArray, settings: TimeOptimalSettings) -> Motion:
-    unhindered = known_ways(family, via, settings.limit_tolerance, compiles(settings.compiled))
-    if unhindered is not None:
-        return unhindered.motion
-    times = np.cumsum([0.0, *TaskScale.of(family, via).durations])
-    shape = quintic(via, times, np.zeros_like(via))
-    return Motion.from_polynomial(family.robot, shape, label="time-optimal")
+def _blocked(task: Task, places: Sequence[Surroundings], way: Way) -> str:
+    """Return a sentence on the first stop of a way in collision; empty if there is none."""
+    for k, q in enumerate(way.via):
+        for place in {max(k - 1, 0), min(k, len(places) - 1)}:
+            contact = places[place].collision(q)
+            if contact is not None:
+                sentence = touching(contact, places[place].scene.clearance)
+                return f"stop {task.stops[k].name!r} {sentence}"
+    return ""

@@ -9,10 +9,10 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.limits import JointLimits
 from microbot_ocp.ocp.solution import quiet
+from microbot_ocp.planning.search._among_obstacles import LegPlanner
 from microbot_ocp.planning.search._branches import segment_timings, ways_through
 from microbot_ocp.planning.search._orders import rest_duration_of
 from microbot_ocp.planning.search._settings import TimeOptimalSettings
-from microbot_ocp.planning.search._stops_among import LegPlanner
 from microbot_ocp.planning.search._through_stops import SolveRequest
 from microbot_ocp.planning.task import Segment, Stop
 from microbot_ocp.robot import Robot

@@ -62,6 +62,7 @@ from microbot_ocp.planning.task import (
 LARGEST_SLACK = 20.0  # largest slack for least effort, relative to the shortest duration
 
 LEFT_OUT = "left out"  # status of an untried way
+LATE = "late"  # kind of advice: the motion takes longer than the requested duration
 NONE_WITHIN = "The search found no motion within the limits."
 
 FREE = "free time-optimal motion, multiple shooting on the inverse dynamics"  # method
@@ -207,7 +208,7 @@ def motion_of_answer(best: Fastest) -> Motion:
             f"The task cannot be done in {best.duration:g} s: the fastest motion that was "
             f"found takes {best.shortest:.6g} s."
         )
-        outcome = Outcome.of(Status.INFEASIBLE, advice)
+        outcome = Outcome(Status.INFEASIBLE, (Advice(LATE, advice),))
     outcome = replace(outcome, ledger=ledger_of(state, best.answer))
     starts = starts_of(state, problem.dwell_time)
     optima = sorted({round(s["duration"], 3) for s in starts if s["status"] == "solved"})

@@ -236,7 +236,7 @@ def motions_of_front(
     with settings.within(CELL_TIME_LIMIT):
         if scene is None:
             return front_of(search_of(problem_of(request.task(), settings), progress), None)
-        from microbot_ocp.planning.search._stops_among import motions_among
+        from microbot_ocp.planning.search._among_obstacles import motions_among
 
         return motions_among(request, front_of)
 

@@ -144,14 +144,10 @@ def time_optimal(
     if plain and not is_task(via_q):
         family = check_limits(robot, limits, means=scene is None)
         via = check_via(family, cast("ArrayLike", via_q))
+        task = Task.through(family, via)
         if scene is None:
-            task = Task.through(family, via)
             return fastest_through(task, chosen, report, usual=TIME_LIMIT)
-        request = SolveRequest(robot, limits, list(via), None, False, chosen, report, scene=scene)
-        with chosen.within(CELL_TIME_LIMIT):
-            from microbot_ocp.planning.search._among_obstacles import fastest_among
-
-            return with_drives_noted(robot, fastest_among(request, family, via), limits)
+        via_q = task.stops
     if not isinstance(via_q, Sequence) and np.ndim(cast("Any", via_q)) == 0:
         raise InputError(f"via_q must be stops or poses, not {checks.shown(via_q)}")
     stops = list(cast("Sequence[Any]", via_q))
@@ -161,6 +157,6 @@ def time_optimal(
     if scene is None:
         return with_drives_noted(robot, solve_stops(request), limits)
     with chosen.within(CELL_TIME_LIMIT):
-        from microbot_ocp.planning.search._stops_among import stops_among
+        from microbot_ocp.planning.search._among_obstacles import stops_among
 
         return with_drives_noted(robot, stops_among(request), limits)
