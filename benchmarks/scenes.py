@@ -101,7 +101,7 @@ def measured(number: int) -> dict[str, Any]:
         "processor": spent,
         "wall": told["wall_time"],
         "planning": told["planning_time"],
-        "advice": told["advice"],
+        "advice": motion.advice,
     }
     return row
 

@@ -87,7 +87,7 @@ def main(arguments: argparse.Namespace) -> None:
         spent = time.process_time() - begin
         told = motion.provenance
         if "paths" not in told:
-            print(f"{arm}: {told['advice']}")
+            print(f"{arm}: {motion.advice}")
             continue
         certificate = mo.certify(robot, motion, via_q=via_q, scene=scene)
         paths = ", ".join(f"{path['duration']:.3f} s" for path in told["paths"])
