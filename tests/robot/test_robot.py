@@ -150,8 +150,8 @@ def test_lower_limit_may_be_named() -> None:
     ("given", "fragments"),
     [
         ({"q_min": [0.0, 2.0], "q_max": 1.0}, ["q_min of joint 2", "2", "q_max of 1 rad"]),
-        ({"q_min": np.inf}, ["q_min of joint 1", "inf"]),
-        ({"q_max": -np.inf}, ["q_min of joint 1", "-inf"]),
+        ({"q_min": np.inf}, ["q_min", "joint 1", "not inf"]),
+        ({"q_max": -np.inf}, ["q_min", "joint 1", "not -inf"]),
         ({"qd_max": (1.0, -1.0)}, ["qd_min", "joint 1", "qd_max of -1 rad/s", "m/s"]),
         ({"tau_max": -5.0}, ["tau_max", "joint 1", "0 N m", "prismatic: N", "-5"]),
         ({"tau_max": [5.0, -5.0]}, ["tau_max", "joint 2", "0 N m", "-5"]),

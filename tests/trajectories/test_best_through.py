@@ -176,7 +176,7 @@ def test_limits_of_the_call_and_a_time_limit(microbot):
     assert mo.best_cubic(microbot, REPORT, time_limit=1e-6).status == "time limit"
     with refused("blend", "0.5", "0.7"):
         mo.best_lspb(microbot, REPORT, blend=0.7)
-    with refused("via_q", "2", "1"):
+    with refused("via_q", "2 rows", "(1, 3)"):
         mo.best_cubic(microbot, REPORT[:1])
     with refused("jumps", "torque", "1000 N m/s"):
         mo.best_cubic(microbot, REPORT, mo.Limits(taud_max=1e3, tau_max=500.0))

@@ -65,7 +65,7 @@ def test_a_bound_that_varies_is_a_curve_beside_the_value(robot, motion):
     grid = motion.plot(robot.with_limits(also=[zone]), quantities=["zone_speed"])
     (bound,) = [line for line in grid[0, 0].get_lines() if line.get_label() == "_own limit"]
     np.testing.assert_allclose(bound.get_ydata(), 10.0 + motion.q[:, 0])
-    tells("\n".join(legend_texts(grid.figure)), "limit", "colour")
+    assert any("limit" in text and "colour" in text for text in legend_texts(grid.figure))
 
 
 def test_a_torque_rate_has_a_panel_for_each_joint_where_it_is_limited(robot, motion):
@@ -146,7 +146,7 @@ def test_it_has_a_lane_where_it_is_used_up(robot, motion, speed):
     beyond = motion.t[speed >= 0.99 * TOP_SPEED]
     span = lane.get_x(), lane.get_x() + lane.get_width()
     np.testing.assert_allclose(span, (beyond[0], beyond[-1]), atol=2e-3)
-    tells("\n".join(legend_texts(axes.figure)), "tool speed", "upper limit")
+    assert any("tool speed at" in text for text in legend_texts(axes.figure))
     assert_all_on_the_page(axes.figure)
 
 
@@ -196,6 +196,6 @@ def test_the_phase_plane_names_it(robot):
     slow = robot.with_limits(also=[mo.limits.tool_speed(upper=1.0)])
     axes = mo.plots.phase_plane(slow, mo.straight_path(VIA_Q))
     texts = legend_texts(axes.figure)
-    # the curve is that of velocity limits, not of the joints alone
-    tells("\n".join(texts), "tool speed", "upper limit", "velocity limits")
+    assert any("tool speed at" in text for text in texts)
+    assert "velocity limits" in texts  # not of the joints alone
     assert not {text.get_text() for text in axes.texts} & set(robot.joint_names)

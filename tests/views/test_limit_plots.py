@@ -47,7 +47,7 @@ def test_jumps_that_no_rate_allows_are_marked_and_not_drawn(robot, motion):
     jumps = sorted(line.get_xdata()[0] for line in lines if line.get_label() == "_jump")
     np.testing.assert_allclose(jumps, [0.0, 0.5, 1.0, 1.5])
     assert grid[0, 0].get_ylim()[1] == 125.0
-    tells("\n".join(legend_texts(grid.figure)), "acceleration jumps")
+    assert any("acceleration jumps" in text for text in legend_texts(grid.figure))
 
 
 def test_a_broken_limit_stays_in_sight(robot, motion):
@@ -59,7 +59,7 @@ def test_a_broken_limit_stays_in_sight(robot, motion):
 def test_bad_input(robot, motion):
     with refused("quantity", "qd, tau", "'taud'", "'tau'"):
         mo.plots.limit_use(robot, motion, quantities=["taud"])
-    with refused("limits", "bound"):
+    with refused("limits", "bound", "none"):
         mo.plots.limit_use(robot, motion, limits=mo.Limits())
     with refused("robot", "mapping"):
         mo.plots.saturation({"mine": motion})

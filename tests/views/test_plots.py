@@ -135,7 +135,7 @@ def test_the_free_motion_or_else_the_last_one_is_drawn_wider(comparison):
 
 def test_legend_tells_durations_refusals_and_failures(curves):
     texts = legend_texts(curves)
-    tells("\n".join(texts), "time-optimal, free", "1.500 s (NOT CERTIFIED)")
+    assert any("time-optimal, free" in text and "1.500 s (NOT C" in text for text in texts)
     assert not any("LSPB" in text for text in texts)
     title = curves.legends[0].get_title().get_text()
     tells(title, "lspb", "not solved", "infeasible", "blends")

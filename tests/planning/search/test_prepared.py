@@ -106,7 +106,7 @@ def test_what_cannot_be_done_is_not_called_solved():
         ({"payload": -1.0}, ("mass", "payload", "0 kg", "-1.0")),
         ({"payload": float("nan")}, ("mass", "payload", "finite", "nan")),
         ({"payload": 3.5}, ("via point 1", "at rest", "'elbow'", "215.6 N m")),
-        ({"limits": mo.Limits(qd_max=2.0, taud_max=50.0)}, ("limits", "taud")),
+        ({"limits": mo.Limits(qd_max=2.0, taud_max=50.0)}, ("limits", "taud", "with_limits")),
         (
             {"limits": mo.Limits(q_max=1.0, qd_max=2.0)},
             ("via point 3", "position limits", "57.2958 deg"),
@@ -188,7 +188,7 @@ def test_an_arm_without_masses_is_prepared_as_well():
     assert motion.sensitivities(arm).upper["qdd"][1] < -0.03
     on = solver(via_q=[[0.0, 0.0], [0.5, 0.6]], start=motion.sample([0.1]))
     assert mo.certify(arm, on).ok
-    with refused("payload", "masses"):
+    with refused("robot 'robot'", "payload", "masses"):
         solver(payload=1.0)
 
 
@@ -212,7 +212,7 @@ def test_a_start_beyond_the_limits_is_refused(microbot, prepared):
     still = np.zeros(3)
     with refused("start", "velocity", "%"):
         prepared(start=(still, 1.1 * microbot.limits.qd_max))
-    with refused("start", "q", "qd"):
+    with refused("start", "(q, qd) or (q, qd, qdd)", "1 arrays"):
         prepared(start=(still,))
     with refused("start", "via point 2"):
         prepared(start=(prepared.via_q[1], 0.1 * microbot.limits.qd_max))

@@ -355,7 +355,7 @@ def test_what_cannot_be_travelled_is_named_without_a_solver(monkeypatch):
     assert 6.0 * np.pi < 2 * 9.81
     motion = time_optimal_path(robot, mo.cubic([[0.0], [np.pi]], [0.0, 2.0]))
     assert motion.status is mo.Status.INFEASIBLE
-    tells(motion.note, "not solved")
+    tells(motion.note, "not solved", "No timing")
     assert motion.provenance["excess"] > 0.05
     np.testing.assert_allclose(motion.q[[0, -1]], [[0.0], [np.pi]], atol=1e-6)
 

@@ -54,7 +54,7 @@ def test_shapes_and_meshes_stand_for_the_capsules(microbot, tetrahedron, tmp_pat
     assert len(vertices) == 4 or len(vertices) == 12
     np.testing.assert_allclose(np.max(vertices, axis=0), [0.2, 0.2, 0.2], rtol=1e-6)
     static(path, f"{arm}/link_3/geometry_4", "Ellipsoids3D:half_sizes")
-    with refused("1", "0", error=ValueError):
+    with refused("expected 1", "got 0", error=ValueError):
         static(path, f"{arm}/link_2/shape", "Capsules3D:lengths")
 
 

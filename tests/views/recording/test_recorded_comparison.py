@@ -97,10 +97,10 @@ def test_limits_are_dashed_and_far_ones_left_out(recording):
     assert t[-1] <= 3.4 + 1e-9
     assert {tuple(row) for row in rows} == {(2.0,), ()}
     assert rows[2::3] == [[]] * LIMIT_DASHES
-    with refused("values", error=ValueError):
+    with refused("expected 1", "got 0", error=ValueError):
         static(recording, "/plots/q/waist/limit_upper", "SeriesLines:names")
     (text,) = static(recording, "/summary", "TextDocument:text")
-    tells(text, "waist", "±360 deg")
+    tells(text, "position of waist", "±360 deg")
 
 
 def test_words_and_marks(recording):
