@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
-from helpers import tells
-from microbot_ocp import InputError
+from helpers import refused, tells
 from microbot_ocp._base.deadline import processor_time
 from microbot_ocp._base.outcome import Outcome
 from microbot_ocp.ocp.solution import quiet
@@ -40,24 +39,27 @@ ENDS = np.array([[-0.6, 0.3, 0.2], [0.9, 0.3, 0.2]])
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (lambda: mo.Sphere([0, 0, 0], 0.0), "radius of the sphere must be above 0 m"),
-        (lambda: mo.Box([1, 1, -1]), "every edge of the box must be above 0 m"),
-        (lambda: mo.Box([1, 1, 1], 2 * np.eye(4)), "pose of the box must be a homogeneous"),
-        (lambda: mo.HalfSpace([0, 0, 0]), "must have a direction"),
-        (lambda: mo.scene.ConvexMesh(np.eye(3)), "at least 4 that do not lie in a plane"),
-        (lambda: mo.Scene([1.0]), "obstacles must be of Sphere, Box"),
-        (lambda: mo.Scene([mo.Box([1, 1, 1], name="a")] * 2), "there are several 'a'"),
-        (lambda: mo.Scene([], clearance=-1), "clearance must be at least 0 m"),
-        (lambda: mo.Scene([], ignore=["ab"]), "ignore must hold pairs of names"),
-        (lambda: mo.Scene([], ignore=[("arm", "b")]).pairs(ARM), "name in ignore"),
-        (lambda: ARM.with_capsules({7: []}), "capsules must be of frames 0"),
-        (lambda: ARM.with_capsules({1: [POST]}), "must be mo.Capsule"),
-        (lambda: mo.robot.link_capsules(ARM, -1.0), "radius must be above 0 m"),
-        (lambda: mo.load_robot("ur5e").with_part(), "needs capsules of its own"),
+        (lambda: mo.Sphere([0, 0, 0], 0.0), ("radius", "sphere", "0 m", "0.0")),
+        (lambda: mo.Box([1, 1, -1]), ("every edge", "box", "0 m", "-1.0")),
+        (lambda: mo.Box([1, 1, 1], 2 * np.eye(4)), ("pose", "box", "homogeneous", "0 0 0 1")),
+        (lambda: mo.HalfSpace([0, 0, 0]), ("normal", "half space", "direction", "[0, 0, 0]")),
+        (lambda: mo.scene.ConvexMesh(np.eye(3)), ("vertices", "mesh", "4 that")),
+        (lambda: mo.Scene([1.0]), ("obstacles", "Sphere, Box, Capsule", "1.0")),
+        (lambda: mo.Scene([mo.Box([1, 1, 1], name="a")] * 2), ("names", "obstacles", "'a'")),
+        (lambda: mo.Scene([], clearance=-1), ("clearance", "0 m", "not -1")),
+        (lambda: mo.Scene([], ignore=["ab"]), ("ignore", "pairs", "'ab'")),
+        (
+            lambda: mo.Scene([], ignore=[("arm", "b")]).pairs(ARM),
+            ("ignore", "elbow, shoulder, wrist", "'arm'"),
+        ),
+        (lambda: ARM.with_capsules({7: []}), ("capsules", "0 (base) to 3", "'wrist'", "not 7")),
+        (lambda: ARM.with_capsules({1: [POST]}), ("capsules", "mo.Capsule", "Scene(")),
+        (lambda: mo.robot.link_capsules(ARM, -1.0), ("radius", "0 m", "not -1")),
+        (lambda: mo.load_robot("ur5e").with_part(), ("robot", "capsules", "robot.with_capsules")),
     ],
 )
-def test_bad_input_is_one_sentence(make, said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_bad_input_is_one_sentence(make, said: tuple[str, ...]) -> None:
+    with refused(*said):
         make()
 
 
@@ -126,18 +128,21 @@ def test_a_scene_is_read_from_toml(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("table", "said"),
     [
-        ({"obstacles": []}, "scene: unknown key .obstacles.*did you mean .obstacle."),
-        ({"obstacle": [{"kind": "cube"}]}, "scene: obstacle 1: kind must be one of"),
-        ({"obstacle": [{"name": "a", "kind": "sphere"}]}, "scene: obstacle 'a': center is missing"),
+        ({"obstacles": []}, ("'obstacles'", "top level", "'obstacle'")),
+        (
+            {"obstacle": [{"kind": "cube"}]},
+            ("obstacle 1", "kind", "sphere, box, capsule", "'cube'"),
+        ),
+        ({"obstacle": [{"name": "a", "kind": "sphere"}]}, ("obstacle 'a'", "center", "missing")),
         (
             {"obstacle": [{"kind": "box", "size": [1, 1, 0]}]},
-            "scene: obstacle 1: every edge of the box",
+            ("obstacle 1", "every edge", "box", "0 m"),
         ),
-        ({"self_collision": 1}, "must be true or false"),
+        ({"self_collision": 1}, ("self_collision", "true or false", "not 1")),
     ],
 )
-def test_a_bad_file_is_told_by_obstacle_and_key(table, said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_a_bad_file_is_told_by_obstacle_and_key(table, said: tuple[str, ...]) -> None:
+    with refused(*said):
         mo.load_scene(table)
 
 
@@ -158,7 +163,7 @@ def test_what_stands_in_a_urdf_file_is_a_scene(tmp_path: Path) -> None:
     assert isinstance(board, mo.Box)
     assert board.pose[:3, 3].tolist() == [1.0, 0.0, 0.5]
     path.write_text(URDF.format(kind="continuous"))
-    with pytest.raises(InputError, match="joint 'at' moves"):
+    with refused("joint 'at'", "moves"):
         mo.load_scene(path)
 
 
@@ -190,7 +195,7 @@ def test_a_near_miss_is_proved_and_a_touch_is_shown(slack: float) -> None:
     assert misses.proved, misses.sentence
     touches = mo.clearance(ARM, motion, swept(0.2 + apart + slack)[1])
     assert not touches.proved
-    assert "overlap by" in touches.sentence
+    tells(touches.sentence, "overlap", "mm")
 
 
 def test_a_gap_between_samples_is_not_overlooked() -> None:
@@ -212,15 +217,17 @@ def test_a_certificate_passes_only_where_clearance_is_proved(monkeypatch) -> Non
     passed = mo.certify(ARM.with_limits(mo.Limits()), motion, scene=scene)
     assert passed.ok
     assert passed.clearance is not None
-    assert "clearance is proved" in passed.verdict
+    assert passed.clearance.proved
+    tells(passed.verdict, "clearance", "proved", "ball")
+    assert "not proved" not in passed.verdict
     failed = mo.certify(ARM.with_limits(mo.Limits()), motion, scene=swept(0.9)[1])
     assert not failed.ok
-    assert "ball at" in failed.verdict
-    assert "clearance, not proved" in failed._repr_html_()
+    tells(failed.verdict, "ball at")
+    tells(failed._repr_html_(), "clearance", "not proved")
     monkeypatch.setitem(__import__("sys").modules, "coal", None)
     alone = mo.certify(ARM.with_limits(mo.Limits()), motion, scene=scene)
     assert not alone.ok
-    assert "clearance is not proved: that needs coal" in alone.verdict
+    tells(alone.verdict, "clearance", "not proved", "coal")
 
 
 # motions ------------------------------------------------------------------------------------------
@@ -247,7 +254,7 @@ def check_solved_again(around: mo.Motion) -> None:
     """Solve the task, in which more must be asked before links keep clear, and is then as fast."""
     lines = list[str]()
     motion = mo.time_optimal(ARM, ENDS, scene=POST, mesh=20, starts=1, progress=lines.append)
-    assert any("links come too near: solved again" in str(line) for line in lines)
+    assert any("solved again" in str(line) for line in lines)
     assert motion.solved
     assert motion.provenance["clearance"]["proved"]
     assert motion.duration < 1.01 * around.duration
@@ -355,12 +362,10 @@ def test_the_same_task_gives_the_same_motion(around: mo.Motion) -> None:
 
 
 def test_ends_in_collision_are_told_in_the_users_words() -> None:
-    with pytest.raises(
-        InputError, match=r"'via 1' in collision with 'post' by \d+ mm at link 'elb"
-    ):
+    with refused("'via 1'", "collision", "'post'", "144 mm", "link 'elbow'"):
         mo.time_optimal(ARM, [[0.2, 0, 0], [1.0, 0, 0]], scene=POST)
     near = mo.Scene(POST.obstacles, clearance=5.0, self_collision=False)
-    with pytest.raises(InputError, match=r"'via 1' too near to 'post': .* clearance of 5 m"):
+    with refused("'via 1'", "'post'", "585 mm", "link 'shoulder'", "clearance", "5 m"):
         mo.time_optimal(ARM, [[2.5, 0, 0], ENDS[1]], scene=near)
 
 
@@ -488,7 +493,7 @@ def test_a_way_that_is_not_found_through_stops_ends_at_them() -> None:
     stops = [mo.Stop(q=[-0.8, 0, 0]), mo.Stop(q=[1.2, 0, 0], name="goal")]
     motion = mo.time_optimal(HELD, stops, scene=WALLS, compiled=False, time_limit=0.5)
     assert motion.status is mo.Status.NOT_FOUND
-    assert "no path from the stop 'stop 1' to the stop 'goal' was found" in motion.note
+    tells(motion.note, "no path", "'stop 1'", "'goal'")
     assert not motion.provenance["clearance"]["proved"]
     blind = mo.certify(HELD, motion, via_q=stops)
     assert blind.ok, blind.verdict
@@ -547,7 +552,7 @@ def test_the_fastest_is_returned_where_less_time_is_allowed() -> None:
     few = {"mesh": 10, "starts": 1, "limit_tolerance": 0.01, "compiled": False}
     motion = mo.time_optimal(ARM, ENDS, scene=POST, duration=0.5, **few)
     assert motion.status is mo.Status.INFEASIBLE
-    assert "cannot be done in 0.5 s" in motion.note
+    tells(motion.note, "0.5 s", "fastest")
     assert motion.provenance["clearance"]["proved"]
 
 
@@ -563,9 +568,9 @@ def test_a_part_keeps_clear_from_the_stop_on_at_which_it_is_picked(around: mo.Mo
     assert bare.clearance is not None
     assert bare.clearance.pair == "part to post"
     assert not bare.clearance.proved
-    with pytest.raises(InputError, match="stop 'stop 2' in collision with 'post' by"):
+    with refused("stop 'stop 2'", "collision", "'post'", "144 mm", "link 'elbow'"):
         mo.time_optimal(ARM, [ENDS[0], mo.Stop(q=[0.2, 0.0, 0.0])], scene=POST)
-    with pytest.raises(InputError, match="radius of the shape of the payload is missing"):
+    with refused("radius", "shape", "payload", "missing"):
         mo.Payload(1.0, shape={"start": [0, 0, 0], "end": [0, 0, 1]})
 
 
@@ -587,7 +592,7 @@ def test_segments_with_other_pairs_are_priced_by_limits_that_all_have(loads) -> 
 def test_a_blocked_stop_is_said_before_any_order_is_solved(monkeypatch) -> None:
     monkeypatch.setattr("microbot_ocp.planning.search._among_obstacles.best_order", None)
     stops = [ENDS[0], mo.Stop(q=[0.2, 0.0, 0.0], name="through"), ENDS[1]]
-    with pytest.raises(InputError, match="stop 'through' in collision with 'post' by"):
+    with refused("stop 'through'", "collision", "'post'", "144 mm", "link 'elbow'"):
         mo.time_optimal(ARM, stops, scene=POST, order="free")
 
 
@@ -601,7 +606,7 @@ def test_orders_are_compared_among_the_obstacles() -> None:
     assert best["order"] == motion.provenance["order"] == [0, 2, 1, 3]
     assert 1.8 < best["coarse"] < 0.99 * other["coarse"] < 2.0  # 1.04 and 1.35 s without the post
     assert other["status"] == "coarse"
-    assert "in one way only; via points passed at any velocity" in motion.remark
+    tells(motion.remark, "one way", "velocity")
 
 
 BOLT = mo.Payload(0.1, shape=mo.Capsule([0.05, 0, 0], [0.1, 0, 0], 0.05, "bolt"))
