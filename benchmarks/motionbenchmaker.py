@@ -241,7 +241,7 @@ def measured(
         "duration": motion.duration,
         "path": min((p["duration"] for p in motion.provenance.get("paths", ())), default=None),
         "stages": {
-            "planning": motion.provenance.get("planning_time", watch.planning),
+            "planning": motion.provenance.get("planning_time", 0.0) if makers else watch.planning,
             **{entry.strategy: entry.seconds for entry in motion.outcome.ledger or ()},
             "all": motion.provenance.get("wall_time", spent),
         },
