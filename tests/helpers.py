@@ -68,7 +68,8 @@ def missing_in(text: str, parts: Iterable[object]) -> list[str]:
 def whole(part: str) -> str:
     """Return a pattern that finds a part, but not within a longer name or number."""
     begin = r"(?<!\w)" * part[:1].isalnum() + r"(?<!\.)" * part[:1].isdigit()
-    return begin + re.escape(part) + r"(?!\.?\d)" * part[-1:].isdigit()
+    end = r"(?!\w)" * part[-1:].isalnum() + r"(?!\.\d)" * part[-1:].isdigit()
+    return begin + re.escape(part) + end
 
 
 def crossed(*axes: Iterable[Any]) -> list[Any]:

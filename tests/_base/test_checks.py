@@ -95,7 +95,7 @@ def test_array_of_another_shape_names_both_shapes(
     ids=str,
 )
 def test_array_refuses_what_is_not_numbers(value: object) -> None:
-    with refused("q must", "array", "numbers"):
+    with refused("q", "array", "numbers"):
         checks.array("q", value, (3,))
 
 

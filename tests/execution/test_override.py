@@ -75,7 +75,7 @@ def test_no_stop_is_where_the_arm_cannot_hold_itself():
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        ((2.5, 0.5), ("at must", "motion", "2.5 s", "not 2.5")),
+        ((2.5, 0.5), ("at", "motion", "2.5 s", "not 2.5")),
         ((1.0, 1.5), ("speed", "at most 1", "1.5")),
         ((1.0, 0.0, 0.0), ("speed", "above 0", "rests")),
     ],

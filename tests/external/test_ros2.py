@@ -99,7 +99,7 @@ def test_what_cannot_be_read_is_said(messages: Any) -> None:
             ("joint_names", "shoulder, elbow", "['a', 'b']"),
         ),
         (trajectory_of(messages, names, np.zeros((2, 3)), 0.1), ("2 positions", "not 3")),
-        (trajectory_of(messages, names, [], 0.1), ("t must",)),
+        (trajectory_of(messages, names, [], 0.1), ("t",)),
     ):
         request = SimpleNamespace(trajectory=trajectory, profile=PROFILE)
         told = services.check(robot, request, answer(messages))

@@ -49,7 +49,7 @@ def phase_of(*inner):
         ),
         (lambda: mo.ocp.solve(ROBOT), ("problem", "OptimalControlProblem", "Robot")),
         (lambda: clearances(ROBOT, iter([1]), VIA), ("pairs", "a list", "a Pair")),
-        (lambda: clearances(ROBOT, (), np.zeros((2, 3, 4))), ("q must", "[any, 3]", "[2, 3, 4]")),
+        (lambda: clearances(ROBOT, (), np.zeros((2, 3, 4))), ("q", "[any, 3]", "[2, 3, 4]")),
         (
             lambda: mo.ocp.explain(solvable(), 5, max_iterations=-1),
             ("max_iterations", "at least 0", "-1"),
@@ -60,7 +60,10 @@ def phase_of(*inner):
         ),
         (lambda: mo.limits.power(_deep()), ("upper bound", "limit 'power'", "numbers")),
         (lambda: mo.trajectories.first_splits([0.0, 1.0]), ("via_q", "[any, any]", "[2]")),
-        (lambda: mo.cubic(np.ma.masked_equal(VIA, 1), [0, 1]), ("via_q", "numbers", "masked")),
+        (
+            lambda: mo.cubic(np.ma.masked_equal(VIA, 1), [0, 1]),
+            ("via_q", "numbers", "masked_array"),
+        ),
         (lambda: mo.compare(ROBOT, np.tile(VIA, (251, 1))), ("via_q", "500 points", "502")),
         (
             lambda: mo.time_optimal(ROBOT, [[0, 0, 0], [0, 9e-7, 0]]),

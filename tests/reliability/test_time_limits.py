@@ -75,7 +75,7 @@ def test_the_limit_is_kept(name):
 
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan, "5", None, 1j, [1.0]])
 def test_what_is_no_time_is_refused(value):
-    with refused("time_limit must"):
+    with refused("time_limit"):
         mo.solve_ik(ROBOT, [3, -1, 4.5], time_limit=value)
 
 

@@ -121,7 +121,7 @@ def test_meshes_are_found(tmp_path: Path, reference: str, monkeypatch: pytest.Mo
 def test_a_missing_mesh_is_a_warning(tmp_path: Path, name: str) -> None:
     path = tmp_path / "arm.urdf"
     path.write_text(arm("", looks(f"<mesh filename='{name}'/>")), "utf-8")
-    with warned("arm.urdf", "mesh files", name[:100], category=RobotFileWarning):
+    with warned("arm.urdf", "mesh files", name * (len(name) < 100), category=RobotFileWarning):
         (shape,) = mo.robot.load_urdf(path).shapes
     assert shape.path == name
 

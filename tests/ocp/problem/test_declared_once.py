@@ -52,7 +52,7 @@ TWICE = {
 
 @pytest.mark.parametrize("kind", TWICE)
 def test_a_second_declaration_of_the_same_name_is_refused(kind):
-    with refused("twice", "phase"):
+    with refused("twice", "link()" if kind == "link" else "phase 'move'"):
         TWICE[kind]()
 
 

@@ -105,9 +105,9 @@ def test_a_free_duration_is_a_range(duration):
 @pytest.mark.parametrize("kind", ["constraint", "end_constraint", "point_constraint"])
 def test_a_name_goes_first(kind):
     _, phase, x, _ = declared()
-    with refused("name must", "MX", "goes first"):
+    with refused("name", "MX", "goes first"):
         getattr(phase, kind)(x <= 5.0)
-    with refused("name must", "MX", "goes first"):
+    with refused("name", "MX", "goes first"):
         getattr(phase, kind)(phase.duration, 0.0, 1.0)
 
 

@@ -115,11 +115,11 @@ def test_a_control_that_is_used_by_its_rate_only_is_used():
         ),
         (
             lambda p: p.rate(p.control("u", shape="constant")),
-            ("rate needs", "shape 'linear'", "phase 'move'"),
+            ("rate", "shape 'linear'", "phase 'move'"),
         ),
         (
             lambda p: p.derivative(p.control("u"), 1.0),
-            ("derivative needs", "phase 'move'", "move.u"),
+            ("derivative", "phase 'move'", "move.u"),
         ),
         (lambda p: p.derivative(p.state("x", 2), 1.0), ("derivative of 'x'", "(2, 1)", "(1, 1)")),
         (

@@ -361,7 +361,7 @@ def test_what_cannot_be_said_is_refused_by_name():
     problem, phase, x, fixed, z, y = refusals()
     with refused("point cost", "phase 'go'", "free duration"):
         phase.point_cost(x**2, at=1.0)
-    with refused("at must", "phase 'stay'", "0 to 1 s", "1.5 s"):
+    with refused("at", "phase 'stay'", "0 to 1 s", "1.5 s"):
         fixed.value(z, at=1.5)
     with refused("point cost", "phase 'stay'", "at=..."):
         fixed.point_cost(z**2)

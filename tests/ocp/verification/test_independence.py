@@ -141,7 +141,7 @@ def lost_end_condition(monkeypatch):
     ("plant", "said"),
     sampled_rows(
         [
-            (lost_running_cost, ("cost is", "given")),
+            (lost_running_cost, ("cost", "given")),
             (wrong_dynamics, ("not feasible", "step of")),
             (halved_constraint, ("constraint power", "phase 'out'")),
             (constraint_left_out, ("constraint power", "phase 'out'")),
@@ -195,7 +195,7 @@ def test_a_fault_in_a_cost_that_is_evaluated_apart_is_found(monkeypatch):
     assert solution.attempts[-1].status.solved
     certificate = verify(problem, solution)
     assert not certificate.ok
-    tells(certificate.verdict, "cost is", f"{solution.cost:.8g} given")
+    tells(certificate.verdict, "the cost", f"{solution.cost:.8g} given")
 
 
 @pytest.mark.thorough
