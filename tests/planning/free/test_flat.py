@@ -22,7 +22,8 @@ from microbot_ocp.planning.free import (
     transcription,
 )
 from microbot_ocp.planning.free._flat_loops import NumpyLoops
-from microbot_ocp.planning.free._flat_program import FlatProgram
+from microbot_ocp.planning.free._flat_program import NEAR_LIMITS, FlatProgram
+from microbot_ocp.planning.task import SMOOTHING, WINDOW, dry_friction
 from planning.shared import VIA_Q, arm
 
 needs_a_compiler = pytest.mark.skipif(codegen.compiler() is None, reason="there is no C compiler")
@@ -43,6 +44,9 @@ def guess_of(robot, via):
 def uneven_program(robot, via, seed=1) -> tuple[FlatProgram, np.ndarray]:
     """Return a small program on an uneven mesh, and unknowns near a guess."""
     rng, form = np.random.default_rng(seed), flat_of(robot, via)
+    if dry_friction(robot).any():  # windows as wide as the velocities, so that all terms count
+        numbers = {WINDOW: 0.05, SMOOTHING: 0.5}
+        form = form.with_parameters(dict.fromkeys(phase_names(len(via) - 1), numbers))
     meshes = [np.r_[0.0, np.sort(rng.uniform(0.02, 0.98, 6)), 1.0] for _ in via[1:]]
     program = form.program(meshes)
     x = form.starting_point(program, guess_of(robot, via)).x
@@ -65,15 +69,36 @@ LIMITED = {
 }
 
 
+def rubbing(robot, **limits):
+    """Return an arm with dry friction in every joint, of a fifth of the torque limit at most."""
+    size = 0.2 * np.minimum(robot.limits.tau_max, 50.0)
+    pairs = zip(robot.links, size, strict=True)
+    links = [replace(link, coulomb_friction=float(f)) for link, f in pairs]
+    return robot.with_links(links).with_limits(**limits)
+
+
+@pytest.mark.parametrize("dry", [False, True], ids=["", "dry"])
 @pytest.mark.parametrize("changes", LIMITED.values(), ids=LIMITED)
-def test_derivatives_are_those_of_differences(microbot, changes):
-    program, x = uneven_program(microbot.with_limits(**changes), VIA_Q)
+def test_derivatives_are_those_of_differences(microbot, changes, dry):
+    arm = rubbing(microbot, **changes) if dry else microbot.with_limits(**changes)
+    check_derivatives(*uneven_program(arm, VIA_Q))
+
+
+@pytest.mark.thorough
+def test_derivatives_with_dry_friction_are_right_from_six_joints_on():
+    """Torques have derivatives of their own there."""
+    via = 0.5 * np.random.default_rng(3).normal(size=(3, 6))
+    check_derivatives(*uneven_program(rubbing(mo.load_robot("ur5e"), **LIMITED["rates"]), via))
+
+
+def check_derivatives(program, x):
     lam = np.random.default_rng(0).normal(size=program.row_lower.size)
     slope, _, entries = program.slopes(x)
     jacobian = dense(program.structure.jacobian, entries)
 
     def close(found, wanted):
-        np.testing.assert_allclose(found, wanted, atol=1e-8 * np.abs(wanted).max())
+        # Edges of friction windows are narrow, so differences across them have errors of 1e-6.
+        np.testing.assert_allclose(found, wanted, rtol=1e-5, atol=1e-8 * np.abs(wanted).max())
 
     close(slope, differences(program.cost, x))
     close(jacobian, differences(program.row_values, x))
@@ -88,10 +113,11 @@ def test_derivatives_are_those_of_differences(microbot, changes):
 
 
 @needs_a_compiler
-@pytest.mark.parametrize("name", ["microbot", "ur5e", "with rates"])
+@pytest.mark.parametrize("name", ["microbot", "ur5e", "with rates", "with dry friction"])
 def test_numpy_and_c_do_the_same(name):
     rated = mo.load_robot("ur5e").with_limits(**LIMITED["rates"])
-    robot = rated if name == "with rates" else mo.load_robot(name)
+    changed = {"with rates": rated, "with dry friction": rubbing(rated)}
+    robot = changed[name] if name in changed else mo.load_robot(name)
     via = VIA_Q if name == "microbot" else 0.5 * np.random.default_rng(3).normal(size=(3, 6))
     program, x = uneven_program(robot, via)
     lam = np.random.default_rng(0).normal(size=program.row_lower.size)
@@ -175,6 +201,31 @@ def test_its_mesh_points_are_one_spline(microbot):
             np.testing.assert_allclose(before[key][-1], after[key][0], atol=1e-12)
 
 
+# A rate is a difference of torques to second order in the interval.
+@pytest.mark.parametrize(("limits", "within"), [({}, 1e-6), ({"taud_max": 2000.0}, 1e-3)])
+def test_with_dry_friction_its_optimum_is_that_of_the_program_with_states(limits, within):
+    robot, via = rubbing(arm(), **limits), np.array([[0.0, 0.0], [1.0, -0.5], [0.2, 0.6]])
+    numbers = {name: {WINDOW: 0.01, SMOOTHING: 0.1} for name in phase_names(2)}
+    stated = transcription(robot, via.tobytes(), len(via), False).with_parameters(numbers)
+    flat, guess = flat_of(robot, via).with_parameters(numbers), guess_of(robot, via)
+    with_states, without = (solve_on(form, 80, guess, TIGHT) for form in (stated, flat))
+    assert with_states.status.solved
+    assert without.status.solved
+    assert without.cost == pytest.approx(with_states.cost, rel=within)
+
+
+def test_a_guess_far_beyond_the_limits_is_slowed_down():
+    robot, via = arm().with_limits(taud_max=100.0), np.array([[0.0, 0.0], [1.0, -0.5]])
+    fast = {name: replace(g, duration=0.01) for name, g in guess_of(robot, via).items()}
+    form = flat_of(robot, via)
+    program = form.program(20)
+    x = form.starting_point(program, form.slowed(20, fast)).x
+    rows = program.row_values(x)
+    assert np.max([rows - program.row_upper, program.row_lower - rows]) <= NEAR_LIMITS
+    (T,) = x[program.structure.rows.layout.durations]
+    assert T > 0.01
+
+
 def test_a_finer_mesh_begins_with_the_multipliers_of_the_coarser_one(microbot):
     form, guess = flat_of(microbot, VIA_Q), guess_of(microbot, VIA_Q)
     rough = SolverSettings("ipopt", tolerance=1e-6, gap=np.inf)
@@ -205,11 +256,8 @@ def test_the_payload_is_a_number_of_the_program(microbot):
 
 def test_what_it_cannot_state_is_left_to_the_program_with_states():
     via = np.array([[0.0, 0.0], [1.0, 0.5]])
-    rubbing = arm()
-    rubbing = rubbing.with_links([replace(link, coulomb_friction=1.0) for link in rubbing.links])
     averaged = arm().with_limits(also=[mo.limits.rms_torque(50.0)])
-    for robot in (rubbing, averaged):
-        assert flat_form(robot, via.tobytes(), 2) is None
+    assert flat_form(averaged, via.tobytes(), 2) is None
 
 
 # the band solver ----------------------------------------------------------------------------------

@@ -18,7 +18,7 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.fast_calls import RowsInPlace
 from microbot_ocp.ocp.transcription import Label, Program
-from microbot_ocp.planning.free._flat_loops import Form, loops_of
+from microbot_ocp.planning.free._flat_loops import ENDS, Form, loops_of
 from microbot_ocp.planning.free._flat_rows import FlatRows, Scales, WindowPlaces
 from microbot_ocp.planning.free._point_limits import ORDERS, PointLimits
 from microbot_ocp.planning.free._spline import PLACES, SLOPES, IntArray
@@ -27,7 +27,7 @@ from microbot_ocp.planning.free._spline import PLACES, SLOPES, IntArray
 class FlatEvaluation:
     """Values and derivatives of a flat program at scaled unknowns, cached for the last unknowns."""
 
-    def __init__(self, structure: FlatStructure, form: Form, payloads: FloatArray) -> None:
+    def __init__(self, structure: FlatStructure, form: Form, held: FloatArray) -> None:
         rows = structure.rows
         self.rows, self.form = rows, form
         self.loops = loops_of(rows, form, structure.places)
@@ -37,8 +37,7 @@ class FlatEvaluation:
         self._hessian_scale = unknowns[first] * unknowns[second]
         self._starts = form.starts[rows.phase]
         self._groups = [
-            _LimitsInPlace(points, limits, payloads[rows.phase[points]][:, None])
-            for points, limits in _phases_with(rows)
+            _LimitsInPlace(points, limits, held[points]) for points, limits in _phases_with(rows)
         ]
         self._q = np.zeros((ORDERS, form.points, form.joints))
         self._at: bytes = b""
@@ -54,6 +53,8 @@ class FlatEvaluation:
         # duration: see the bounds of rows.
         typical = form.scales.durations[rows.phase[self._rated]]
         self._rate_factor = typical[:, None] / form.scales.change[form.torques]
+        # Half of an interval, by which the rate of friction becomes a torque difference.
+        self._friction_factor = self._rate_factor * rows.lengths()[self._rated][:, None]
         self._jerks = np.nonzero(rows.of_jerks >= 0)
         counts = np.cumsum([0, *(int((table >= 0).sum()) for table in rows.tables)])
         self._parts = [slice(a, b) for a, b in itertools.pairwise(counts)]
@@ -109,7 +110,11 @@ class FlatEvaluation:
         if self.form.torques.size:
             torques = values[:, self.form.torques][self._inside]
             change = (SLOPES @ torques).reshape(self._rate_factor.shape) * self._rate_factor
-            g[rates] = (change / self._T[self.rows.phase[self._rated]][:, None]).ravel()
+            change /= self._T[self.rows.phase[self._rated]][:, None]
+            if self.form.friction.size:
+                extra = values[:, self.form.friction][self._inside[:, ENDS]]
+                change += extra.reshape(change.shape) * self._friction_factor
+            g[rates] = change.ravel()
         if jerks.stop > jerks.start:
             table = np.zeros((self.form.points, self.form.joints))
             for moved in self.loops.moved:
@@ -152,6 +157,12 @@ class FlatEvaluation:
             # index once: one place at a time has distinct points.
             for place, points in enumerate(self._inside.T):
                 weights[np.ix_(points, form.torques)] += of_torques[:, place]
+            if form.friction.size:
+                # Ends of neighbouring intervals are one point: one end at a time, as above.
+                of_friction = lam[rates].reshape(spans.size, -1) * self._friction_factor
+                for end, place in enumerate(ENDS):
+                    points = self._inside[:, place]
+                    weights[np.ix_(points, form.friction)] += of_friction[end::2]
         of_jerks[self._jerks] = lam[jerks] / form.scales.jerk[self._jerks[1]]
         # Second derivatives of all rows at a point come from one weighted sum, equation (3) of
         # docs/theory/flat.md.
@@ -170,16 +181,17 @@ class FlatEvaluation:
 class _LimitsInPlace:
     """Limit functions of one or more phases, at some points of a program, in their own memory."""
 
-    def __init__(self, points: Any, limits: PointLimits, payload: FloatArray) -> None:
+    def __init__(self, points: Any, limits: PointLimits, held: FloatArray) -> None:
         self.points, self._limits = points, limits
         self._memory: dict[str, RowsInPlace] = {}
-        self._payload = payload
+        self._held = held
 
     def called(self, name: str, q: FloatArray, weights: FloatArray | None) -> list[FloatArray]:
         memory = self._memory.get(name)
         if memory is None:
-            memory = self._memory[name] = getattr(self._limits, name)(len(self._payload))
-            memory.inputs[ORDERS][...] = self._payload
+            memory = self._memory[name] = getattr(self._limits, name)(len(self._held))
+            for k, column in enumerate(self._held.T[:, :, None], start=ORDERS):
+                memory.inputs[k][...] = column
         for order in range(ORDERS):
             memory.inputs[order][...] = q[order, self.points]
         if weights is not None:

@@ -31,6 +31,8 @@ from microbot_ocp.planning.free._flat_rows import NOWHERE, FlatRows, Scales, Win
 from microbot_ocp.planning.free._point_limits import ORDERS
 from microbot_ocp.planning.free._spline import PLACES, SLOPES, IntArray, Windows
 
+ENDS = [0, 2]  # places at the ends of an interval, where torque rates are limited
+
 
 @dataclass(frozen=True, eq=False)
 class Form:
@@ -42,6 +44,8 @@ class Form:
         Numbers n of joints, R of limits at a point, P of points.
     torques : array of int [J]
         Indices of the limits whose rates are limited.
+    friction : array of int [J]
+        Indices of the rates of dry friction, which are added to them; empty without it.
     pairs : array of int [B,2]
         Orders d, e of the derivatives y_d, y_e of each block of second derivatives.
     scales : Scales
@@ -55,6 +59,7 @@ class Form:
     rows: int
     points: int
     torques: IntArray
+    friction: IntArray
     pairs: IntArray
     scales: Scales
     starts: FloatArray
@@ -170,11 +175,18 @@ class NumpyLoops:
                 # of the torques, minus the part of the quotient by T.
                 factor, scale = self._rates(moved, T)
                 chosen = _slopes(block[..., form.torques, :]) * factor[..., None, None]
+                half = (
+                    0.5 * windows.lengths[:, None, None] * factor * T[windows.phase][:, None, None]
+                )
+                if form.friction.size:
+                    chosen += block[:, ENDS][..., form.friction, :] * half[..., None, None]
                 _put(entries, to.rate, chosen / scale[:, None])
                 steps = _slopes(values[windows.points][..., form.torques])
                 change = _slopes(by_time[..., form.torques])
-                change -= steps / T[windows.phase][:, None, None]
-                _put(entries, to.rate_time, change * factor / scale)
+                change = (change - steps / T[windows.phase][:, None, None]) * factor
+                if form.friction.size:
+                    change += by_time[:, ENDS][..., form.friction] * half
+                _put(entries, to.rate_time, change / scale)
             if to.jerk is not None:
                 _put(entries, to.jerk, moved.jerk_weights[..., None] / form.scales.jerk)
                 _put(entries, to.jerk_time, moved.jerk_slopes / form.scales.jerk)
@@ -323,7 +335,10 @@ def _put(entries: FloatArray, places: IntArray | None, values: FloatArray) -> No
 
 class _FormArrays(ctypes.Structure):
     _fields_ = [
-        *((name, ctypes.c_long) for name in ("joints", "rows", "rated", "pairs", "points")),
+        *(
+            (name, ctypes.c_long)
+            for name in ("joints", "rows", "rated", "friction", "pairs", "points")
+        ),
         *((name, ctypes.c_void_p) for name in ("torque", "first", "second", "bound_scale")),
         *(
             (name, ctypes.c_void_p)
@@ -360,7 +375,9 @@ class CompiledLoops(NumpyLoops):
         self._library, self._kept = library, list[Any]()
         form = moved[0].form
         scales, joints = form.scales, form.torques
-        numbers = form.joints, form.rows, joints.size, len(form.pairs), form.points
+        # The columns of friction follow those of the torques in the same order.
+        shift = int(form.friction[0] - joints[0]) if form.friction.size else 0
+        numbers = form.joints, form.rows, joints.size, shift, len(form.pairs), form.points
         arrays = (
             *(np.asarray(part, dtype=np.intc) for part in (joints, *form.pairs.T)),
             *(

@@ -40,16 +40,23 @@ from microbot_ocp.planning.free._flat_rows import (
     window_places,
 )
 from microbot_ocp.planning.free._initial_guesses import guess_along
-from microbot_ocp.planning.free._point_limits import point_limits
+from microbot_ocp.planning.free._point_limits import FRICTION_RATE, HELD, RATED, point_limits
 from microbot_ocp.planning.free._problem import JERK_WEIGHT, free_problem, phase_shapes, scale_of
 from microbot_ocp.planning.free._spline import DEGREE, SplineLayout, spline_layout
-from microbot_ocp.planning.task import Conditions, TaskScale, has_windows, passing
+from microbot_ocp.planning.task import Conditions, TaskScale, dry_friction, passing
 from microbot_ocp.robot import Robot
 
 DUAL = 1e-6  # tolerance of stationarity, scaled
+# The same if the mesh is refined afterwards: two thirds of the iterations of a Panda with dry
+# friction go from here to DUAL, and change its duration by 3e-7.
+ROUGH_DUAL = 1e-4
+SLOWING = 1.2  # factor between two durations of a guess that is slowed down
+MOST_SLOWED = 30  # number of such factors
+NEAR_LIMITS = 0.01  # scaled excess up to which a guess is not slowed down
 # A barrier problem of IPOPT is solved to this multiple of its barrier parameter, which it reduces
 # down to the tolerance of complementarity divided by one more (Waechter and Biegler 2006, eq. 7).
 BARRIER_FACTOR = 10.0
+ROUGH_FACTOR = 2.0  # complementarity at which a rough solve ends, per last barrier parameter
 LEAST_RATIO = 0.1  # shortest phase per longest: a guess for a shorter one from rest may diverge
 LEAST_INTERVALS = 4  # smallest number of intervals of a phase, for one inner coefficient
 
@@ -87,11 +94,7 @@ class FlatTranscription:
             tuple(k for k in f.keys if k not in (*POINT_KEYS, "taud", "qddd"))
             for f in self.families
         ]
-        rated = ["taud" in family for family in self.families]
-        keys = [
-            (*k, *(["tau"] if r and "tau" not in k else []))
-            for k, r in zip(asked, rated, strict=True)
-        ]
+        keys = [_with_rated(family, k) for family, k in zip(self.families, asked, strict=True)]
         phases = [(f.robot, k) for f, k in zip(self.families, keys, strict=True)]
         # Equal phases share one object; a cache that several threads fill may return two.
         limits = {phase: point_limits(*phase, self.payload) for phase in dict.fromkeys(phases)}
@@ -194,23 +197,22 @@ class FlatTranscription:
         chosen = self._meshes(meshes)
         structure = self.structure(chosen)
         rows, phases, scales = structure.rows, self.problem.phases, self._scales(structure)
-        weights = {p.name: float(p.value[0]) for p in phases[0].parameters}
-        payloads = [
-            float(next((p.value[0] for p in phase.parameters if p.name == "payload"), 0.0))
-            for phase in phases
-        ]
+        values = [{p.name: float(p.value[0]) for p in phase.parameters} for phase in phases]
+        # Kernels without dry friction ignore its numbers; a smoothing of zero would divide by it.
+        held = np.array([[known.get(key, 1.0) for key in HELD] for known in values])
         pairs = np.array(rows.limits[0].pairs).reshape(-1, 2)
         form = Form(
             joints=rows.layout.count,
             rows=rows.at_points.shape[1],
             points=rows.layout.points,
             torques=rows.torques,
+            friction=rows.friction,
             pairs=pairs,
             scales=scales,
             starts=self._starts,
-            jerk_weight=weights[JERK_WEIGHT] / self.size.jerk**2,
+            jerk_weight=values[0][JERK_WEIGHT] / self.size.jerk**2,
         )
-        evaluation = FlatEvaluation(structure, form, np.array(payloads))
+        evaluation = FlatEvaluation(structure, form, held[rows.phase])
         functions = functions_of(structure, evaluation)
         x = ca.MX.sym("x", rows.layout.size)
         f, g = functions["values"].call([x])
@@ -314,19 +316,22 @@ class FlatTranscription:
         cannot be as exact: an acceleration is a coefficient divided by the square of an interval,
         and on short intervals rounding dominates it.
         """
+        # Any gap is accepted where the next mesh changes the solution anyway.
+        exact = np.isfinite(settings.gap)
         # The band solver eliminates slacks of inequalities: equal bounds of a row are an equation.
         given: dict[str, Any] = {
             "linear_solver": "ldl" if (program.row_lower == program.row_upper).any() else "band",
             "nlp_scaling_method": "none",  # rows and unknowns are scaled already
-            "compl_inf_tol": (BARRIER_FACTOR + 1.0) * last,
+            "compl_inf_tol": (BARRIER_FACTOR + 1.0) * last if exact else ROUGH_FACTOR * last,
         }
         if first is not None:
             given["mu_init"] = first
+        least = DUAL if exact else ROUGH_DUAL
         more = dict(settings.options.get("ipopt", {}))
         more.pop("linear_solver", None)
         given |= more
         options = {**settings.options, "ipopt": given}
-        return replace(settings, tolerance=max(settings.tolerance, DUAL), options=options)
+        return replace(settings, tolerance=max(settings.tolerance, least), options=options)
 
     # starts -----------------------------------------------------------------------------------
 
@@ -347,6 +352,24 @@ class FlatTranscription:
             motion.append((float(given.duration or 1.0), np.array(tables)))
         x = self._packed(layout, motion, self._starts)
         return StartingPoint(self._inside(program, x / program.scales.unknowns))
+
+    def slowed(self, meshes: Meshes, guess: Mapping[str, Guess]) -> dict[str, Guess]:
+        """Return a guess slowed down until it keeps its limits, as far as that helps.
+
+        From far beyond the limits, as torque rates of a curved guess are, a solve takes several
+        times the iterations. Slowing down ends where gravity alone exceeds a torque.
+        """
+        program, least, best = self.program(meshes), np.inf, dict(guess)
+        for power in range(MOST_SLOWED):
+            slower = {name: _slower(given, SLOWING**power) for name, given in guess.items()}
+            rows = program.row_values(self.starting_point(program, slower).x)
+            excess = float(np.max([rows - program.row_upper, program.row_lower - rows], initial=0))
+            if not excess < least:
+                break
+            best, least = slower, excess
+            if excess <= NEAR_LIMITS:
+                break
+        return best
 
     @staticmethod
     def _inside(program: FlatProgram, x: FloatArray) -> FloatArray:
@@ -411,6 +434,34 @@ class FlatTranscription:
         return StartingPoint(x, moved, variables)
 
 
+def _slower(guess: Guess, factor: float) -> Guess:
+    """Return a guess of a motion that takes ``factor`` times as long."""
+    values = dict(guess.values)
+    for order, key in enumerate(POINT_KEYS):
+        if key in values:
+            values[key] = _times(values[key], factor**-order)
+    return replace(guess, duration=factor * float(guess.duration or 1.0), values=values)
+
+
+def _times(value: Any, factor: float) -> Any:
+    if callable(value):
+        return lambda s: factor * np.asarray(value(s))
+    return factor * np.asarray(value, dtype=float)
+
+
+def _with_rated(family: LimitFamily, keys: Sequence[str]) -> tuple[str, ...]:
+    """Return the keys of limits at points with the torques whose differences are rates.
+
+    These come first, in the order of the joints. At a reversal dry friction jumps, and no rate of
+    it is limited.
+    """
+    if "taud" not in family:
+        return tuple(keys)
+    if dry_friction(family.robot).any():
+        return RATED, FRICTION_RATE, *keys
+    return "tau", *(key for key in keys if key != "tau")
+
+
 @lru_cache(maxsize=16)
 def flat_form(
     robot: Robot,
@@ -422,9 +473,8 @@ def flat_form(
 ) -> FlatTranscription | None:
     """Return the flat transcription of a free motion's problem; None if it needs states.
 
-    It needs states without torque limits, with dry friction (a reversal multiplies the iterations),
-    means over the motion, the user's own limits, conditions on the tool's pose, cycles, ends in
-    motion, and a segment far shorter than others.
+    It needs states without torque limits, with means over the motion, the user's own limits,
+    conditions on the tool's pose, cycles, ends in motion, and a segment far shorter than others.
     """
     via = np.frombuffer(via_bytes).reshape(count, -1)
     given = conditions or passing(robot, via)
@@ -439,7 +489,7 @@ def flat_form(
 def _is_flat(families: Sequence[LimitFamily], conditions: Conditions, size: TaskScale) -> bool:
     for family in families:
         own = any(member.limit is not None for member in family)
-        if has_windows(family) or family.means or own or family.keys != families[0].keys:
+        if family.means or own or family.keys != families[0].keys:
             return False
         if not {"tau", "taud"} & set(family.keys):
             return False

@@ -14,7 +14,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.limits import LimitFamily
-from microbot_ocp.planning.free._point_limits import ORDERS, PointLimits
+from microbot_ocp.planning.free._point_limits import FRICTION_RATE, ORDERS, RATED, PointLimits
 from microbot_ocp.planning.free._spline import IntArray, SplineLayout, Windows
 
 POINT_KEYS = ("q", "qd", "qdd")
@@ -85,6 +85,13 @@ class FlatRows:
         return 1 + max(int(n.max(initial=NOWHERE)) for n in self.tables)
 
     @property
+    def friction(self) -> IntArray:
+        """Columns [J] with the rates of dry friction; empty without it."""
+        names = self.limits[0].names
+        first = next((k for k, (key, *_) in enumerate(names) if key == FRICTION_RATE), NOWHERE)
+        return self.torques + first if first != NOWHERE else self.torques[:0]
+
+    @property
     def tables(self) -> tuple[IntArray, ...]:
         """All tables, in the order of the rows."""
         return self.at_points, self.of_motion, self.of_rates, self.of_jerks
@@ -128,7 +135,9 @@ def flat_rows(
         before, after = layout.nodes[k][2:]
         # Torques at a via point are rows once, unless the two sides differ.
         again = k == 0 or before != after or limit is not limits[k - 1]
-        at_points[first + (not again) : last + 1, : limit.count] = True
+        # The parts of a rate have no bounds of their own.
+        bounded = [key not in (RATED, FRICTION_RATE) for key, *_ in limit.names]
+        at_points[first + (not again) : last + 1, : limit.count] = bounded
         for order, key in enumerate(POINT_KEYS):
             step = 1 if key == "qd" else 2
             inner = slice(first + step, last, step)

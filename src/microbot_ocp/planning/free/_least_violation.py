@@ -15,7 +15,7 @@ import numpy as np
 from microbot_ocp._base.outcome import Advice, Outcome
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LimitFamily
-from microbot_ocp.ocp import Explanation, PhaseSolution, Relaxation, Solution, explain
+from microbot_ocp.ocp import Explanation, PhaseSolution, Relaxation, explain
 from microbot_ocp.ocp.transcription import Guess, Meshes, Transcription
 from microbot_ocp.planning.task import place_in_task
 
@@ -32,7 +32,7 @@ CONFIRMED = (
 
 
 def least_violation(
-    kernels: Transcription, starts: Sequence[Mapping[str, Guess] | Solution], mesh: Meshes
+    kernels: Transcription, starts: Sequence[Mapping[str, Guess]], mesh: Meshes
 ) -> Explanation:
     """Return the least violation of the limits over several starts."""
     best: Explanation | None = None

@@ -6,6 +6,7 @@ expressions than automatic ones.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache, reduce
@@ -18,16 +19,28 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.fast_calls import RowsInPlace, rows_in_place
 from microbot_ocp.limits import LimitFamily, MotionSamples
-from microbot_ocp.planning.task import finite_scale, torques_of
+from microbot_ocp.planning.task import (
+    SMOOTHING,
+    WINDOW,
+    dry_friction,
+    finite_scale,
+    friction_rate,
+    torque_at_drives,
+    torques_of,
+    without_dry_friction,
+)
 from microbot_ocp.robot import Robot, torque_derivatives
 
 STATE = ("q", "qd", "qdd")
 ORDERS = len(STATE)
+HELD = ("payload", WINDOW, SMOOTHING)  # mass at the tool, kg, and parameters of dry friction
+# Keys of the parts of a limited torque rate: a difference of torques, and the rate of dry friction.
+RATED, FRICTION_RATE = "torque without dry friction", "rate of dry friction"
 
 
 @dataclass(frozen=True, eq=False)
 class PointLimits:
-    """Functions of q, qd, qdd [n] and the mass at the tool [1], each for any number of points.
+    """Functions of q, qd, qdd [n] and the numbers of ``HELD``, each for any number of points.
 
     Attributes
     ----------
@@ -95,8 +108,8 @@ def point_limits(robot: Robot, keys: tuple[str, ...], payload: bool = False) -> 
         Use the mass at the tool as an argument of the torques; otherwise it is zero.
     """
     n = robot.joint_count
-    state, mass = [ca.SX.sym(name, n) for name in STATE], ca.SX.sym("payload")
-    parts = [part for key in keys for part in _parts(robot, key, state, [mass] if payload else [])]
+    state, held = [ca.SX.sym(name, n) for name in STATE], [ca.SX.sym(name) for name in HELD]
+    parts = [part for key in keys for part in _parts(robot, key, state, held, payload)]
     weight = ca.vertcat(*(part.weight for part in parts))
     value, jacobian = (ca.vertcat(*(getattr(p, k) for p in parts)) for k in ("value", "jacobian"))
     gradient = reduce(add, (part.gradient for part in parts), ca.SX(ORDERS * n, 1))
@@ -118,7 +131,7 @@ def point_limits(robot: Robot, keys: tuple[str, ...], payload: bool = False) -> 
         "curvature": ([weight], [gradient, curvature]),
     }
     functions = [
-        rows_in_place(ca.Function(name, [*state, mass, *more], ca.cse([*map(ca.densify, given)])))
+        rows_in_place(ca.Function(name, [*state, *held, *more], ca.cse([*map(ca.densify, given)])))
         for name, (more, given) in outputs.items()
     ]
     names, labels = (
@@ -142,27 +155,19 @@ class _LimitRows(NamedTuple):
     hessian: ca.SX
 
 
-def _parts(robot: Robot, key: str, state: list[ca.SX], held: list[ca.SX]) -> Iterator[_LimitRows]:
+def _parts(
+    robot: Robot, key: str, state: list[ca.SX], held: list[ca.SX], payload: bool
+) -> Iterator[_LimitRows]:
     family, y, n = LimitFamily.of(robot), ca.vertcat(*state), robot.joint_count
     member = next((m for m in family if m.key == key), None)
-    if key == "tau":
-        bounds = robot.limits.bounds("tau")
-        scale = finite_scale(*bounds)
-        names, labels = [(key, k, "") for k in range(n)], ["torque"] * n
-        # Derivatives of recursive Newton-Euler have, from six joints on, half of the operations
-        # of automatic differentiation (robot/_torque_derivatives.py).
-        own, weight = torque_derivatives(robot, payload=bool(held)), ca.SX.sym("weight", n)
-        if own is not None:
-            value, jacobian = own[0](*state, *held)
-            slope, hessian = own[1](*state, *held, weight / ca.DM(scale))
-            inverse = ca.diag(1.0 / ca.DM(scale))
-            rows = inverse @ value, inverse @ jacobian[:, : 3 * n]
-            yield _LimitRows(
-                names, labels, scale, weight, *rows, slope[: 3 * n], hessian[: 3 * n, : 3 * n]
-            )
-            return
-        value, _ = torques_of(robot, ["tau"], bool(held))(*state, None, *held)
-        yield _with_derivatives(names, labels, scale, value, y, weight)
+    if key in ("tau", RATED):
+        yield _torques(robot, key, state, held, payload)
+        return
+    if key == FRICTION_RATE:
+        # In units of the torque, because a rate is a difference of torques over a time.
+        scale = finite_scale(*robot.limits.bounds("tau"))
+        rate = friction_rate(robot, state[1], state[2], held[-1])
+        yield _with_derivatives([(key, k, "") for k in range(n)], [key] * n, scale, rate, y)
         return
     assert member is not None
     value, lower, upper = family.expressions([key], (*state, ca.SX(n, 1)))[key]
@@ -184,6 +189,60 @@ def _parts(robot: Robot, key: str, state: list[ca.SX], held: list[ca.SX]) -> Ite
         scale = finite_scale(np.ravel(typical), np.ravel(typical)) * np.ones(size)
         names = [(key, k, side) for k in range(size)]
         yield _with_derivatives(names, [f"{member.name}, {side} limit"] * size, scale, room, y)
+
+
+def _torques(
+    robot: Robot, key: str, state: list[ca.SX], held: list[ca.SX], payload: bool
+) -> _LimitRows:
+    """Return the rows of torques: those within windows, or those without dry friction."""
+    y, n, (_, qd, qdd) = ca.vertcat(*state), robot.joint_count, state
+    mass, window, smoothing = held
+    given = [*state, *([mass] if payload else [])]
+    scale, weight = finite_scale(*robot.limits.bounds("tau")), ca.SX.sym("weight", n)
+    names, labels = [(key, k, "") for k in range(n)], ["torque"] * n
+    dry = key == "tau" and bool(dry_friction(robot).any())
+
+    light = without_dry_friction(robot)
+    # Derivatives of recursive Newton-Euler have, from six joints on, half of the operations of
+    # automatic differentiation (robot/_torque_derivatives.py).
+    own = torque_derivatives(light, payload=payload)
+    if own is None:
+        value, _ = torques_of(light, ["tau"], payload)(*state, None, *given[ORDERS:])
+        if dry:
+            value, _ = torque_at_drives(robot, value, qd, qdd, window, smoothing)
+        return _with_derivatives(names, labels, scale, value, y, weight)
+    value, jacobian = own[0](*given)
+    jacobian, scaled = jacobian[:, : 3 * n], weight / ca.DM(scale)
+    if not dry:
+        slope, hessian = own[1](*given, scaled)
+        inverse = ca.diag(1.0 / ca.DM(scale))
+        rows = inverse @ value, inverse @ jacobian
+        return _LimitRows(
+            names, labels, scale, weight, *rows, slope[: 3 * n], hessian[: 3 * n, : 3 * n]
+        )
+    # The torque at a drive is a function d(tau, qd, qdd) of its own joint alone, linear in tau.
+    tau = ca.SX.sym("tau", n)
+    at_drives, _ = torque_at_drives(robot, tau, qd, qdd, window, smoothing)
+    arguments = tau, qd, qdd
+    first = [ca.gradient(ca.sum1(at_drives), by) for by in arguments]
+    second = [[ca.gradient(ca.sum1(f), by) for by in (qd, qdd)] for f in first]
+    at_drives, *parts = ca.substitute(
+        [at_drives, *first, *itertools.chain(*second)], [tau], [value]
+    )
+    by_tau, by_qd, by_qdd = parts[:3]
+    mixed, (vv, va), (_, aa) = parts[3:5], parts[5:7], parts[7:]
+    gradient_rows = ca.diag(by_tau) @ jacobian + ca.horzcat(
+        ca.SX(n, n), ca.diag(by_qd), ca.diag(by_qdd)
+    )
+    _, hessian = own[1](*given, scaled * by_tau)
+    cross = ca.horzcat(ca.SX(3 * n, n), *(jacobian.T @ ca.diag(scaled * m) for m in mixed))
+    vv, va, aa = (ca.diag(scaled * part) for part in (vv, va, aa))
+    nothing = ca.SX(n, n)
+    own_part = ca.blockcat([[nothing] * 3, [nothing, vv, va], [nothing, va, aa]])
+    hessian = hessian[: 3 * n, : 3 * n] + cross + cross.T + own_part
+    inverse = ca.diag(1.0 / ca.DM(scale))
+    rows = inverse @ at_drives, inverse @ gradient_rows
+    return _LimitRows(names, labels, scale, weight, *rows, gradient_rows.T @ scaled, hessian)
 
 
 def _with_derivatives(

@@ -24,7 +24,7 @@ typedef struct {
 } Windows;
 
 typedef struct {
-    long joints, rows, rated, pairs, points;
+    long joints, rows, rated, friction, pairs, points;
     const int *torque, *first, *second;
     const double *bound_scale, *rate_scale, *jerk_scale, *jerk_weight, *typical, *starts;
 } Form;
@@ -171,17 +171,22 @@ void windows_jacobian(const Windows *s, const Form *f, const double *T, const do
             for (long j = 0; j < J; j++) {
                 const long r = f->torque[j];
                 const double scale = factor / f->rate_scale[j];
+                /* The rate of dry friction at this end, as a torque difference in half an interval. */
+                const long end = 2 * p, dry = r + f->friction;
+                const double half = f->friction ? 0.5 * s->lengths[k] * t * scale : 0.0;
                 for (long m = 0; m < M; m++)
                     for (long i = 0; i < n; i++)
                         difference[(m * J + j) * n + i] =
                             scale * (slope[0] * block[m * size + r * n + i] +
                                      slope[1] * block[(M + m) * size + r * n + i] +
-                                     slope[2] * block[(2 * M + m) * size + r * n + i]);
+                                     slope[2] * block[(2 * M + m) * size + r * n + i]) +
+                            half * block[(end * M + m) * size + dry * n + i];
                 const int place = s->rate_time[(k * 2 + p) * J + j];
                 double change = 0.0;
                 for (int l = 0; l < PLACES; l++)
                     change += slope[l] * (by_time[l * R + r] - values[points[l] * R + r] / t);
-                if (place >= 0) entries[place] = scale * change;
+                change = scale * change + half * by_time[end * R + dry];
+                if (place >= 0) entries[place] = change;
             }
             put(entries, s->rate + (k * 2 + p) * M * J * n, M * J * n, difference);
         }

@@ -160,7 +160,10 @@ def from_guess(search: MotionSearch, start: TrialStart, intervals: int) -> Motio
     refiner, name = coarse(search), start.guess.name
     refiner = replace(refiner, settings=replace(refiner.settings, **start.settings))
     given = {"tolerance": COARSE_TOLERANCE, "barrier": start.barrier}
-    solution = refiner.solve(intervals, start.guess.guesses, **given)
+    guesses = start.guess.guesses
+    if search.problem.is_flat:
+        guesses = refiner.transcription.slowed(intervals, guesses)
+    solution = refiner.solve(intervals, guesses, **given)
     _report(search, name, solution, f" on {intervals} intervals a phase")
     return _answer(search, name, solution, refiner, way=start.way)
 
@@ -225,9 +228,8 @@ def from_relaxed(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
     """
     refiner, problem = coarse(search), search.problem
     meshes = [phase.mesh for phase in subject.solution.phases]
-    first = problem.drawn(0)
-    assert first is not None
-    starts = [first.guesses, subject.solution]
+    # The point at which a solve failed may swing across its limits between mesh points.
+    starts = [guess.guesses for k in range(2) if (guess := problem.drawn(k)) is not None]
     relaxed = least_violation(search.problem.kernels(stated=True), starts, meshes)
     search.progress(f"relaxed problem: {relaxed}")
     solution = subject.solution

@@ -78,10 +78,6 @@ def windowed_torques(
 ) -> tuple[dict[str, ca.MX], ca.MX]:
     """Return the torque and torque rate to be limited, by key, and the torque itself.
 
-    In the window, limits L about a middle M apply to ``M + (tau - M) / (1 - half / L)``: ``tau`` is
-    the mean of the torques of both directions, ``half`` half of their difference. This keeps both
-    within L, with constant bounds.
-
     Parameters
     ----------
     phase : Phase
@@ -94,30 +90,58 @@ def windowed_torques(
     held : sequence of MX
         Further arguments of ``torques``.
     """
-    size = dry_friction(robot)
     _, qd, qdd, _ = state
     window, smoothing = phase.parameter(WINDOW, 0.0), phase.parameter(SMOOTHING, COULOMB_SMOOTHING)
-    # The joint changes its velocity by |qdd| * window * duration until the next check of limits.
-    # The root keeps a slope at qdd = 0. Outside of the window ahead = behind = sign(qd); inside
-    # ahead = 1 and behind = -1, so that half is the friction and the mean torque is free of it.
-    near = ca.sqrt((qdd * window * phase.duration) ** 2 + LEAST_REACH**2)
+    tau, taud = torques(*state, *held)
+    at_drives, whole = torque_at_drives(robot, tau, qd, qdd, window, smoothing)
+    torque_values = {"tau": at_drives}
+    if taud is not None:
+        torque_values["taud"] = taud + friction_rate(robot, qd, qdd, smoothing)
+    return torque_values, tau + whole
+
+
+def torque_at_drives(
+    robot: Robot, tau: Any, qd: Any, qdd: Any, window: Any, smoothing: Any
+) -> tuple[Any, Any]:
+    """Return the torque [n] to be limited, and the dry friction [n].
+
+    In the window, limits L about a middle M apply to ``M + (tau - M) / (1 - half / L)``: ``tau`` is
+    the mean of the torques of both directions, ``half`` half of their difference. This keeps both
+    within L, with constant bounds.
+
+    Parameters
+    ----------
+    robot : Robot
+    tau : expression [n]
+        Torque without dry friction.
+    qd, qdd : expressions [n]
+    window : expression
+        Time until the next check of limits, s.
+    smoothing : expression
+        Velocity within which the friction changes its sign, rad/s (m/s).
+    """
+    size = dry_friction(robot)
+    # The joint changes its velocity by |qdd| * window until the next check of limits. The root
+    # keeps a slope at qdd = 0. Outside of the window ahead = behind = sign(qd); inside ahead = 1
+    # and behind = -1, so that half is the friction and the mean torque is free of it.
+    near = ca.sqrt((qdd * window) ** 2 + LEAST_REACH**2)
     width = smoothing + EDGE_WIDTH * near
     far = (1.0 + EDGE_WIDTH**2) * near
     ahead, behind = ca.tanh((qd + far) / width), ca.tanh((qd - far) / width)
-    tau, taud = torques(*state, *held)
     bounds = robot.limits.bounds("tau")
     drawn = np.isfinite(bounds).all(axis=0) & (size < MOST_FRICTION * 0.5 * (bounds[1] - bounds[0]))
     low, high = (np.where(drawn, bound, sign) for bound, sign in zip(bounds, (-1, 1), strict=True))
     middle, range_ = ca.DM(0.5 * (low + high)), ca.DM(0.5 * (high - low))
     mean = tau + ca.DM(np.where(drawn, 0.5 * size, 0.0)) * (ahead + behind)
     half = ca.DM(np.where(drawn, 0.5 * size, 0.0)) * (ahead - behind)
-    values_at_drives = middle + (mean - middle) / (1.0 - half / range_)
     whole = ca.DM(size) * ca.tanh(qd / smoothing)
-    torque_values = {"tau": values_at_drives + ca.DM(np.where(drawn, 0.0, 1.0)) * whole}
-    if taud is not None:
-        slope = ca.DM(size) / smoothing * (1.0 - ca.tanh(qd / smoothing) ** 2)
-        torque_values["taud"] = taud + slope * qdd
-    return torque_values, tau + whole
+    at_drives = middle + (mean - middle) / (1.0 - half / range_)
+    return at_drives + ca.DM(np.where(drawn, 0.0, 1.0)) * whole, whole
+
+
+def friction_rate(robot: Robot, qd: Any, qdd: Any, smoothing: Any) -> Any:
+    """Return the rate [n] of the dry friction, N m/s (N/s)."""
+    return ca.DM(dry_friction(robot)) / smoothing * (1.0 - ca.tanh(qd / smoothing) ** 2) * qdd
 
 
 def reversals(velocity: FloatArray, joints: np.ndarray) -> np.ndarray:
@@ -159,7 +183,7 @@ def with_windows(
     meshes: Meshes,
     start: Mapping[str, Guess] | Solution,
 ) -> Transcription:
-    """Return kernels with windows that fit the intervals in which joints reverse.
+    """Return kernels with windows, s, that fit the intervals in which joints reverse.
 
     Parameters
     ----------
@@ -178,18 +202,20 @@ def with_windows(
         mesh = mesh_of(phase_mesh)
         if isinstance(start, Solution):
             before = start[name]
+            duration = before.duration
             if np.array_equal(before.mesh, mesh):
                 values[name] = {WINDOW: _window_of(before)}
                 continue
             columns = (np.interp(mesh, before.mesh, column) for column in before["qd"].T)
             velocity = np.column_stack(list(columns))
         else:
-            guess = start[name].values["qd"]
+            guess, duration = start[name].values["qd"], float(start[name].duration or 1.0)
             velocity = np.asarray(guess(mesh)) if callable(guess) else np.asarray(guess)
         steps = np.diff(mesh)
         # The window fits the longest interval with a reversal, or else the shortest interval.
         spans = steps[reversals(velocity, joints)]
-        values[name] = {WINDOW: WINDOW_REACH * float(spans.max() if spans.size else steps.min())}
+        span = duration * float(spans.max() if spans.size else steps.min())
+        values[name] = {WINDOW: WINDOW_REACH * span}
     return transcription.with_parameters(values)
 
 
