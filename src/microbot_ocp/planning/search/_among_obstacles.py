@@ -177,7 +177,8 @@ class _OrderAmongObstacles:
     def _fallback(self) -> ProvedPath | None:
         """Fastest way that rests at every stop, within all limits and proved clear, or None."""
         timed = (self._legs.timed(self.task, guide) for guide in self._guided)
-        return next((path for path in timed if path is not None), None)
+        found = next((path for path in timed if path is not None), None)
+        return found or self._legs.known.get(self.task)
 
     def _search(self, guide: GuidedWay) -> GuidedSearch:
         task, way = self.task, guide.way
@@ -363,6 +364,8 @@ class LegPlanner:
     scene : Scene
     planning : float
         Wall time of the searches for paths, s.
+    known : dict of Task to ProvedPath
+        First motion of a task that was proved clear, for tasks with one.
     first_certified : float
         Processor time until a motion was first proved clear, s; infinite before that.
     """
@@ -371,6 +374,7 @@ class LegPlanner:
         assert request.scene is not None
         self._begin, self._begin_processor = time.perf_counter(), deadline.processor_time()
         self.planning, self.first_certified = 0.0, np.inf
+        self.known: dict[Task, ProvedPath] = {}
         self.scene, self._settings, self._progress = (
             request.scene,
             request.settings,
@@ -554,7 +558,9 @@ class LegPlanner:
             return None
         spent = deadline.processor_time() - self._begin_processor
         self.first_certified = min(self.first_certified, spent)
-        return ProvedPath(motion, proof)
+        path = ProvedPath(motion, proof)
+        self.known.setdefault(task, path)
+        return path
 
 
 def _blocked(task: Task, places: Sequence[Surroundings], way: Way) -> str:
