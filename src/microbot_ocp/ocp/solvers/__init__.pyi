@@ -21,6 +21,7 @@ from ._persistence import (
     saved_with as saved_with,
 )
 from ._plugins import (
+    LEAST_WARM_BARRIER as LEAST_WARM_BARRIER,
     SOLVERS as SOLVERS,
     SolverSettings as SolverSettings,
     create as create,

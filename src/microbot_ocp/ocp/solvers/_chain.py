@@ -294,9 +294,10 @@ def last_barrier(program: Program, settings: SolverSettings, x: FloatArray) -> f
     It is that of the wanted gap. A solve that accepts any gap ends where a warm start from its
     multipliers begins: a solve on the next mesh from a smaller one takes steps of a few percent.
     """
-    if not np.isfinite(settings.gap):
-        return LEAST_WARM_BARRIER
-    return _complementarity(program, settings.gap * cost_size(program.cost(x), program.cost_scale))
+    size = cost_size(program.cost(x), program.cost_scale)
+    if np.isfinite(settings.gap):
+        return _complementarity(program, settings.gap * size)
+    return _complementarity(program, ROUGH_GAP * size, LEAST_WARM_BARRIER)
 
 
 def _rank(status: Status) -> int:
@@ -312,6 +313,7 @@ def _rank(status: Status) -> int:
 GAP_SHARE = 0.5  # fraction of the wanted gap that the barrier may take
 USUAL_COMPLEMENTARITY = 1e-4  # IPOPT's tolerance by default
 LEAST_BARRIER = 1e-15  # least barrier parameter that solvers reach
+ROUGH_GAP = 2e-4  # gap left by a solve that accepts any, relative to the cost
 
 # Barrier and distance from the bounds agree: steps are short where products of multipliers and
 # slacks differ from the barrier.

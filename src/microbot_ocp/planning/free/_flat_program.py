@@ -23,6 +23,7 @@ from microbot_ocp.limits import LimitFamily
 from microbot_ocp.ocp import OptimalControlProblem, Solution, SolverSettings
 from microbot_ocp.ocp.problem import with_phases, with_values
 from microbot_ocp.ocp.solution import StartingPoint
+from microbot_ocp.ocp.solvers import LEAST_WARM_BARRIER
 from microbot_ocp.ocp.transcription import Guess, Meshes, Program, guess_table, mesh_of
 from microbot_ocp.planning.free._flat_evaluation import (
     FlatEvaluation,
@@ -47,16 +48,16 @@ from microbot_ocp.planning.task import Conditions, TaskScale, dry_friction, pass
 from microbot_ocp.robot import Robot
 
 DUAL = 1e-6  # tolerance of stationarity, scaled
-# The same if the mesh is refined afterwards: two thirds of the iterations of a Panda with dry
-# friction go from here to DUAL, and change its duration by 3e-7.
+# The same for stiff programs if the mesh is refined afterwards: two thirds of the iterations of a
+# Panda go from here to DUAL, and change its duration by 3e-7.
 ROUGH_DUAL = 1e-4
 SLOWING = 1.2  # factor between two durations of a guess that is slowed down
 MOST_SLOWED = 30  # number of such factors
-NEAR_LIMITS = 0.01  # scaled excess up to which a guess is not slowed down
+NEAR_LIMITS = 10.0  # scaled excess up to which a guess is not slowed down
 # A barrier problem of IPOPT is solved to this multiple of its barrier parameter, which it reduces
 # down to the tolerance of complementarity divided by one more (Waechter and Biegler 2006, eq. 7).
 BARRIER_FACTOR = 10.0
-ROUGH_FACTOR = 2.0  # complementarity at which a rough solve ends, per last barrier parameter
+ROUGH_FACTOR = 2.0  # complementarity at which a rough solve ends, per barrier parameter of the next
 LEAST_RATIO = 0.1  # shortest phase per longest: a guess for a shorter one from rest may diverge
 LEAST_INTERVALS = 4  # smallest number of intervals of a phase, for one inner coefficient
 
@@ -306,9 +307,16 @@ class FlatTranscription:
                     bound[numbers[there]] = np.broadcast_to(sizes, numbers.shape)[there]
         return low[0], low[1]
 
-    @staticmethod
+    @cached_property
+    def _is_stiff(self) -> bool:
+        """True with limits of jerks or torque rates, or with dry friction.
+
+        Stationarity is then reached slowly, and the next mesh changes the solution anyway.
+        """
+        return any(f.jerk_matters or dry_friction(f.robot).any() for f in self.families)
+
     def solver_settings(
-        program: Program, settings: SolverSettings, first: float | None, last: float
+        self, program: Program, settings: SolverSettings, first: float | None, last: float
     ) -> SolverSettings:
         """Return solver settings of the flat program, with its first and last barrier parameter.
 
@@ -316,21 +324,22 @@ class FlatTranscription:
         cannot be as exact: an acceleration is a coefficient divided by the square of an interval,
         and on short intervals rounding dominates it.
         """
-        # Any gap is accepted where the next mesh changes the solution anyway.
-        exact = np.isfinite(settings.gap)
+        rough = self._is_stiff and not np.isfinite(settings.gap)
+        end = ROUGH_FACTOR * LEAST_WARM_BARRIER if rough else (BARRIER_FACTOR + 1.0) * last
         # The band solver eliminates slacks of inequalities: equal bounds of a row are an equation.
         given: dict[str, Any] = {
             "linear_solver": "ldl" if (program.row_lower == program.row_upper).any() else "band",
             "nlp_scaling_method": "none",  # rows and unknowns are scaled already
-            "compl_inf_tol": (BARRIER_FACTOR + 1.0) * last if exact else ROUGH_FACTOR * last,
+            "compl_inf_tol": end,
         }
         if first is not None:
-            given["mu_init"] = first
-        least = DUAL if exact else ROUGH_DUAL
+            # IPOPT reduces its barrier parameter only at a stationary point: begin with the last.
+            given["mu_init"] = last if self._is_stiff and not rough else first
         more = dict(settings.options.get("ipopt", {}))
         more.pop("linear_solver", None)
         given |= more
         options = {**settings.options, "ipopt": given}
+        least = ROUGH_DUAL if rough else DUAL
         return replace(settings, tolerance=max(settings.tolerance, least), options=options)
 
     # starts -----------------------------------------------------------------------------------

@@ -161,7 +161,7 @@ def from_guess(search: MotionSearch, start: TrialStart, intervals: int) -> Motio
     refiner = replace(refiner, settings=replace(refiner.settings, **start.settings))
     given = {"tolerance": COARSE_TOLERANCE, "barrier": start.barrier}
     guesses = start.guess.guesses
-    if search.problem.is_flat:
+    if search.problem.is_rated:  # rates grow with the cube of the speed
         guesses = refiner.transcription.slowed(intervals, guesses)
     solution = refiner.solve(intervals, guesses, **given)
     _report(search, name, solution, f" on {intervals} intervals a phase")
