@@ -45,7 +45,6 @@ from microbot_ocp.planning.search._legs import (
     differs,
     not_found,
     nothing_found,
-    search_legs,
     touching,
 )
 from microbot_ocp.planning.search._orders import (
@@ -62,12 +61,19 @@ from microbot_ocp.planning.search._result import (
     row_of_way,
     taken_first,
 )
+from microbot_ocp.planning.search._settings import reserving
 from microbot_ocp.planning.search._starts import rest_to_rest, segment_timings
 from microbot_ocp.planning.search._stop_motion import motion_of, places_along, scenes_of, tool_poses
 from microbot_ocp.planning.search._through_stops import Front, SolveRequest
 from microbot_ocp.planning.task import Stop, Task, TaskScale, one_remark
 from microbot_ocp.robot import Capsule, Robot
-from microbot_ocp.scene import Clearance, Surroundings, clearance_along, with_arm_capsules
+from microbot_ocp.scene import (
+    FIRST_SEARCHES,
+    Clearance,
+    Surroundings,
+    clearance_along,
+    with_arm_capsules,
+)
 from microbot_ocp.trajectories import quintic, shortest_duration
 
 MOST_GUESSES = 4  # largest number of timed ways from which a search starts
@@ -385,28 +391,53 @@ class LegPlanner:
         self._ways: dict[Task, list[tuple[Way, list[Leg | None]]]] = {}
 
     def search(self, tasks: Sequence[Task]) -> None:
-        """Search for paths between the stops of several tasks until one has a complete way."""
+        """Search for paths between the stops of several tasks until one has a complete way.
+
+        The first complete way is proved at once, so that a certified motion is known early.
+        """
         for task in tasks:
             carried = [capsule.name for held in task.robots for _, capsule in held.capsules]
             for name in sum(self.scene.ignore, ()):
                 checks.one_of("name in ignore", name, sorted({*carried, *self.scene.names}))
-        ways, refused = [], None
+        ways, refused = list[tuple[Task, Way, list[Leg | None]]](), None
         for task in tasks:
             try:
-                ways += [list(filter(None, legs)) for _, legs in self.ways(task)]
+                ways += [(task, way, legs) for way, legs in self.ways(task)]
             except InputError as problem:  # another order may be feasible
                 refused = refused or problem
         if refused is not None and not ways:
             raise refused
-        search_legs(ways, self._progress, searches=1)
-        # The first paths are proved before others are searched for: a certified motion is known
-        # early.
-        first = (self._first_known(task) for task in tasks)
-        found = next((path for path in first if path is not None), None)
+        ways.sort(key=lambda each: least_time(*each[:2]))
+        with reserving():
+            self._search_ways(ways)
+        self.planning = time.perf_counter() - self._begin
+
+    def _search_ways(self, ways: Sequence[tuple[Task, Way, list[Leg | None]]]) -> None:
+        complete = set[Way]()
+        for number in itertools.count():
+            for task, way, legs in ways:
+                for leg in filter(None, legs):
+                    # A search without a path takes the longest: it is repeated only while no way
+                    # is complete.
+                    if not (leg.searches and leg.first_motion is None and complete):
+                        leg.search(number, self._progress)
+                    if deadline.over():
+                        return
+                if way not in complete and all(not leg or leg.first_motion for leg in legs):
+                    complete.add(way)
+                    self._prove_first(task, way, legs)
+            # One complete way ends the searches; without one they go on, because a path may be
+            # found by the next seed.
+            if complete and number + 1 >= FIRST_SEARCHES:
+                return
+
+    def _prove_first(self, task: Task, way: Way, legs: Sequence[Leg | None]) -> None:
+        """Prove the first timed paths of a way, unless a motion is known."""
+        if self.known:
+            return
+        found = self._proved(task, way, [leg and leg.first_motion for leg in legs])
         if found is not None:
             self._progress(f"{found.motion.duration:.4f} s, the first motion that is known")
-        search_legs(ways, self._progress)
-        self.planning = time.perf_counter() - self._begin
 
     @property
     def times(self) -> dict[str, float]:
@@ -414,14 +445,6 @@ class LegPlanner:
         times = {"planning_time": self.planning, "wall_time": time.perf_counter() - self._begin}
         known = {"first_certified": self.first_certified}
         return times | known if np.isfinite(self.first_certified) else times
-
-    def _first_known(self, task: Task) -> ProvedPath | None:
-        """Return the first timed path of a way as soon as every leg of it has one, or None."""
-        for way, legs in self.ways(task):
-            motions = [leg and leg.first_motion for leg in legs]
-            if all(motion or not leg for leg, motion in zip(legs, motions, strict=True)):
-                return self._proved(task, way, motions)
-        return None
 
     def ways(self, task: Task) -> list[tuple[Way, list[Leg | None]]]:
         """Return ways whose poses at the stops touch nothing, with the legs of their free segments.

@@ -28,7 +28,7 @@ from microbot_ocp.planning.free import joined
 from microbot_ocp.planning.path import LATER, PathTiming, check_path, time_path
 from microbot_ocp.planning.search._guided import is_clear
 from microbot_ocp.planning.search._result import LATE, NONE_WITHIN, returned
-from microbot_ocp.planning.search._settings import TimeOptimalSettings, reserving
+from microbot_ocp.planning.search._settings import TimeOptimalSettings
 from microbot_ocp.planning.task import length_text
 from microbot_ocp.planning.timing import PathTimingSettings, best_timing
 from microbot_ocp.robot import Robot
@@ -207,27 +207,6 @@ def _resting_at_corners(family: LimitFamily, way: Detour) -> Motion | None:
 def _keeps_limits(family: LimitFamily, motion: Motion) -> bool:
     dense = motion.samples(dense_times(motion)[0])
     return bool(family.excess(dense).max() <= LIMIT_TOLERANCE)
-
-
-def search_legs(
-    ways: Sequence[Sequence[Leg]], progress: StepProgress, searches: int = FIRST_SEARCHES
-) -> None:
-    """Search for paths on the legs of several ways.
-
-    Each leg gets at least ``searches`` searches. If no way is feasible on all of its legs, further
-    searches follow until one is or the time is over.
-    """
-    with reserving():
-        for number in itertools.count():
-            for leg in itertools.chain(*ways):
-                leg.search(number, progress)
-                if deadline.over():
-                    return
-            # One complete way ends the searches; without one they go on, because a path may be
-            # found by the next seed.
-            is_there = any(all(leg.first_motion for leg in legs) for legs in ways)
-            if is_there and number + 1 >= searches:
-                return
 
 
 def choices_of(legs: Sequence[Leg]) -> range:
