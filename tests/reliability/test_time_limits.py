@@ -10,7 +10,7 @@ import microbot_ocp as mo
 from helpers import refused, tells
 from microbot_ocp._base import deadline
 from microbot_ocp.cli import main
-from microbot_ocp.planning.free import transcription
+from microbot_ocp.planning.free import flat_form
 from microbot_ocp.planning.search import _through_stops
 
 ROBOT = mo.load_robot("microbot")
@@ -103,7 +103,7 @@ def test_a_search_that_there_is_no_time_to_prepare_returns_what_needs_none(monke
 
     monkeypatch.setattr(_through_stops, "search_of", late)
     monkeypatch.setattr(_through_stops, "motion_from", None)
-    transcription.cache_clear()
+    flat_form.cache_clear()
     motion = mo.time_optimal(robot, via, compiled=False, time_limit=0.5)
     assert motion.status is LATE
     tells(motion.note, mo.Status.TIME_LIMIT.sentence, "every limit")

@@ -8,8 +8,7 @@ import pytest
 
 import microbot_ocp as mo
 from microbot_ocp.ocp import OptimalControlProblem
-from microbot_ocp.planning.task import WINDOW_REACH, reversals, windowed_torques
-from microbot_ocp.planning.task._friction import WINDOW
+from microbot_ocp.planning.task import WINDOW, WINDOW_REACH, reversals, windowed_torques
 from microbot_ocp.robot import COULOMB_SMOOTHING
 
 INERTIA, FRICTION, TORQUE = 2.0, 6.0, 20.0

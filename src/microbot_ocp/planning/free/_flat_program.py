@@ -18,6 +18,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.ocp import OptimalControlProblem, Solution, SolverSettings
@@ -485,6 +486,7 @@ def flat_form(
     It needs states without torque limits, with means over the motion, the user's own limits,
     conditions on the tool's pose, cycles, ends in motion, and a segment far shorter than others.
     """
+    deadline.check()  # the functions of seven joints take a second
     via = np.frombuffer(via_bytes).reshape(count, -1)
     given = conditions or passing(robot, via)
     families = tuple(LimitFamily.of(moving) for moving in given.robots)
