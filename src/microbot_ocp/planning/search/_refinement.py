@@ -73,7 +73,7 @@ SMOOTHING_BARRIER = 1e-2  # barrier parameter of the first solve with increased 
 SMOOTHING_FACTORS = (1e6, 1e5, 1e4, 1e3, 1e2, 10.0, 1.0)
 SMOOTHING_ITERATIONS = 200  # iteration limit of each solve with increased smoothing
 TIMED_PATH_TOLERANCE = 1e-4  # solver tolerance among obstacles, relative
-RATED_GAP = 2e-4  # relative gap wanted under limits of jerks and torque rates
+RATED_GAP = 1e-4  # relative gap wanted under limits of jerks and torque rates
 USUAL_ITERATIONS = 100  # iteration limit of a full or refined mesh, and of the last step
 
 
