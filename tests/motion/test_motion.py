@@ -134,7 +134,7 @@ def test_impossible_polynomial_is_refused(
 
 @pytest.mark.parametrize("factor", [0.0, -1.0, np.nan, np.inf, "2"])
 def test_impossible_stretch_is_refused(factor: float) -> None:
-    with refused("factor"):
+    with refused("factor must"):
         BANG_BANG.stretched(factor)
 
 
@@ -245,7 +245,7 @@ def test_sample_times_increase_hold_every_break_and_keep_the_step(
 
 @pytest.mark.parametrize("t", [-0.1, 2.1, np.nan, [0.5, 3.0], "0.5"])
 def test_sample_outside_the_motion_is_refused(bang_bang: Motion, t: Any) -> None:
-    with refused("t"):
+    with refused("t must"):
         bang_bang.sample(t)
 
 
@@ -285,7 +285,7 @@ def test_resampled_torques_are_its_inverse_dynamics(microbot: mo.Robot, bang_ban
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, np.inf, "fast"])
 def test_impossible_rate_is_refused(bang_bang: Motion, rate: float) -> None:
-    with refused("rate"):
+    with refused("rate must"):
         bang_bang.resample(rate)
 
 
