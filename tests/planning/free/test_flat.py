@@ -22,7 +22,7 @@ from microbot_ocp.planning.free import (
     transcription,
 )
 from microbot_ocp.planning.free._flat_loops import NumpyLoops
-from microbot_ocp.planning.free._flat_program import NEAR_LIMITS, FlatProgram
+from microbot_ocp.planning.free._flat_program import GROSS_EXCESS, FlatProgram
 from microbot_ocp.planning.task import SMOOTHING, WINDOW, dry_friction
 from planning.shared import VIA_Q, arm
 
@@ -221,7 +221,7 @@ def test_a_guess_far_beyond_the_limits_is_slowed_down():
     program = form.program(20)
     x = form.starting_point(program, form.slowed(20, fast)).x
     rows = program.row_values(x)
-    assert np.max([rows - program.row_upper, program.row_lower - rows]) <= NEAR_LIMITS
+    assert np.max([rows - program.row_upper, program.row_lower - rows]) <= GROSS_EXCESS
     (T,) = x[program.structure.rows.layout.durations]
     assert T > 0.01
 

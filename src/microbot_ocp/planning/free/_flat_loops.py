@@ -175,9 +175,8 @@ class NumpyLoops:
                 # of the torques, minus the part of the quotient by T.
                 factor, scale = self._rates(moved, T)
                 chosen = _slopes(block[..., form.torques, :]) * factor[..., None, None]
-                half = (
-                    0.5 * windows.lengths[:, None, None] * factor * T[windows.phase][:, None, None]
-                )
+                # Half of an interval, by which the rate of friction becomes a torque difference.
+                half = 0.5 * (windows.lengths * form.scales.durations[windows.phase])[:, None, None]
                 if form.friction.size:
                     chosen += block[:, ENDS][..., form.friction, :] * half[..., None, None]
                 _put(entries, to.rate, chosen / scale[:, None])

@@ -45,7 +45,7 @@ from microbot_ocp.planning.free._initial_guesses import guess_along
 from microbot_ocp.planning.free._point_limits import FRICTION_RATE, HELD, RATED, point_limits
 from microbot_ocp.planning.free._problem import JERK_WEIGHT, free_problem, phase_shapes, scale_of
 from microbot_ocp.planning.free._spline import DEGREE, SplineLayout, spline_layout
-from microbot_ocp.planning.task import Conditions, TaskScale, dry_friction, passing
+from microbot_ocp.planning.task import Conditions, TaskScale, dry_friction, has_windows, passing
 from microbot_ocp.robot import Robot
 
 DUAL = 1e-6  # tolerance of stationarity, scaled
@@ -54,7 +54,7 @@ DUAL = 1e-6  # tolerance of stationarity, scaled
 ROUGH_DUAL = 1e-4
 SLOWING = 1.2  # factor between two durations of a guess that is slowed down
 MOST_SLOWED = 30  # number of such factors
-NEAR_LIMITS = 10.0  # scaled excess up to which a guess is not slowed down
+GROSS_EXCESS = 10.0  # scaled excess of a limit above which a guess is slowed down
 # A barrier problem of IPOPT is solved to this multiple of its barrier parameter, which it reduces
 # down to the tolerance of complementarity divided by one more (Waechter and Biegler 2006, eq. 7).
 BARRIER_FACTOR = 10.0
@@ -200,7 +200,7 @@ class FlatTranscription:
         structure = self.structure(chosen)
         rows, phases, scales = structure.rows, self.problem.phases, self._scales(structure)
         values = [{p.name: float(p.value[0]) for p in phase.parameters} for phase in phases]
-        # Kernels without dry friction ignore its numbers; a smoothing of zero would divide by it.
+        # Kernels ignore numbers that their problem does not have; zero would be divided by.
         held = np.array([[known.get(key, 1.0) for key in HELD] for known in values])
         pairs = np.array(rows.limits[0].pairs).reshape(-1, 2)
         form = Form(
@@ -314,7 +314,7 @@ class FlatTranscription:
 
         Stationarity is then reached slowly, and the next mesh changes the solution anyway.
         """
-        return any(f.jerk_matters or dry_friction(f.robot).any() for f in self.families)
+        return any(f.jerk_matters or has_windows(f) for f in self.families)
 
     def solver_settings(
         self, program: Program, settings: SolverSettings, first: float | None, last: float
@@ -364,7 +364,7 @@ class FlatTranscription:
         return StartingPoint(self._inside(program, x / program.scales.unknowns))
 
     def slowed(self, meshes: Meshes, guess: Mapping[str, Guess]) -> dict[str, Guess]:
-        """Return a guess slowed down until it keeps its limits, as far as that helps.
+        """Return a guess slowed down until it exceeds no limit grossly, as far as that helps.
 
         From far beyond the limits, as torque rates of a curved guess are, a solve takes several
         times the iterations. Slowing down ends where gravity alone exceeds a torque.
@@ -377,7 +377,7 @@ class FlatTranscription:
             if not excess < least:
                 break
             best, least = slower, excess
-            if excess <= NEAR_LIMITS:
+            if excess <= GROSS_EXCESS:
                 break
         return best
 

@@ -201,7 +201,6 @@ def _torques(
     scale, weight = finite_scale(*robot.limits.bounds("tau")), ca.SX.sym("weight", n)
     names, labels = [(key, k, "") for k in range(n)], ["torque"] * n
     dry = key == "tau" and bool(dry_friction(robot).any())
-
     light = without_dry_friction(robot)
     # Derivatives of recursive Newton-Euler have, from six joints on, half of the operations of
     # automatic differentiation (robot/_torque_derivatives.py).
@@ -213,9 +212,9 @@ def _torques(
         return _with_derivatives(names, labels, scale, value, y, weight)
     value, jacobian = own[0](*given)
     jacobian, scaled = jacobian[:, : 3 * n], weight / ca.DM(scale)
+    inverse = ca.diag(1.0 / ca.DM(scale))
     if not dry:
         slope, hessian = own[1](*given, scaled)
-        inverse = ca.diag(1.0 / ca.DM(scale))
         rows = inverse @ value, inverse @ jacobian
         return _LimitRows(
             names, labels, scale, weight, *rows, slope[: 3 * n], hessian[: 3 * n, : 3 * n]
@@ -240,7 +239,6 @@ def _torques(
     nothing = ca.SX(n, n)
     own_part = ca.blockcat([[nothing] * 3, [nothing, vv, va], [nothing, va, aa]])
     hessian = hessian[: 3 * n, : 3 * n] + cross + cross.T + own_part
-    inverse = ca.diag(1.0 / ca.DM(scale))
     rows = inverse @ at_drives, inverse @ gradient_rows
     return _LimitRows(names, labels, scale, weight, *rows, gradient_rows.T @ scaled, hessian)
 

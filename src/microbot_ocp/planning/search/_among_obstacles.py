@@ -566,13 +566,12 @@ class LegPlanner:
         shapes: list[PiecewisePolynomial] = []
         rows = zip(task.segments, task.robots, self._usual(task, way), motions, strict=True)
         for k, (kind, robot, usual, motion) in enumerate(rows):
-            if kind is None and motion is None:
-                return None
-            shape = usual if motion is None else polynomial_of(motion)
-            if kind is not None and not (shape and _keeps_limits(robot, shape)):
-                shape = _unhindered(task, way, k)
-            assert shape is not None
-            if not _keeps_limits(robot, shape):
+            if kind is None:
+                shape = None if motion is None else polynomial_of(motion)
+            else:
+                kept = usual is not None and _keeps_limits(robot, usual)
+                shape = usual if kept else _unhindered(task, way, k)
+            if shape is None or not _keeps_limits(robot, shape):
                 return None
             shapes.append(shape)
         motion = _joined(task, way, shapes)
