@@ -63,7 +63,7 @@ def test_further_limits_that_make_a_motion_last_for_days_are_refused(robot, limi
 
 @pytest.mark.parametrize("pairs", [5, True, "ab", [1], [["a"]]])
 def test_what_is_no_pair_to_ignore_is_refused(pairs):
-    with refused("ignore"):
+    with refused("ignore must"):
         load_scene({"ignore": pairs})
 
 
