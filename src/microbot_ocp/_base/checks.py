@@ -31,6 +31,8 @@ SLOW = 100.0  # s; a longer motion is slow and has fewer samples
 MOST_ITERATIONS = 10**9  # largest count of solvers
 MOST_WHOLE = 20_000  # largest number of intervals, starts or tries; more would take days
 MOST_GIVEN = 2_000_000  # largest number of requested samples
+ROUNDING = 1e-9
+"""Slack of comparisons for errors of rounding: relative, or in SI units."""
 
 
 class InputError(ValueError):
@@ -254,7 +256,7 @@ def joints(name: str, count: int, robot: Any) -> None:
 def step_count(duration: float, step: float) -> int:
     """Return the number of steps of at most ``step`` s in a duration; too many raise InputError."""
     size("the number of samples", duration / step, MOST_GIVEN)
-    return max(1, int(np.ceil(duration / step - 1e-9)))
+    return max(1, int(np.ceil(duration / step - ROUNDING)))
 
 
 MOST_DEGREES = 720.0  # two turns

@@ -21,8 +21,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.acceleration._forms import ROUNDING, Terms, pairs
+from microbot_ocp._base.checks import ROUNDING, FloatArray
+from microbot_ocp.acceleration._forms import Terms, pairs
 from microbot_ocp.robot import COULOMB_SMOOTHING
 
 Rows = np.ndarray | slice

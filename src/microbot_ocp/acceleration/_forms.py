@@ -24,12 +24,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
 from microbot_ocp._base.fast_calls import table_call
 from microbot_ocp.robot import Robot, forward_kinematics, gravity_torque, mass_matrix
 
-# Rounding errors of a term are near 1e-13 of its amplitude; bounds are widened by this share of it.
-ROUNDING = 1e-9
 # The mass matrix of eight revolute joints has 5^7 = 78,125 waves: five frequencies for each joint
 # but the first.
 MOST_WAVES = 100_000
@@ -182,7 +180,7 @@ class _Waves:
         center = robot.chain_positions((low + high) / 2)
         self._revolute = np.array(chain.joint_types) == "revolute"
         half = np.abs(matrix) @ ((high - low) / 2)
-        self._half = np.where(self._revolute, 1.0, np.maximum(half, 1e-9))
+        self._half = np.where(self._revolute, 1.0, np.maximum(half, ROUNDING))
         self._center, self._matrix = np.where(self._revolute, 0.0, center), matrix
         self._robot, self._factors = robot, dict[tuple[int, ...], FloatArray]()
 
@@ -241,8 +239,8 @@ class _Waves:
         mixed = np.abs((factors * amplitudes[:, None]).T @ factors)
         amplitude = float(amplitudes.sum())
         rounding = ROUNDING * amplitude
-        # Entries below 1e-12 of the amplitude are rounding errors of zeros: Demand._margin covers
-        # them.
+        # Rounding errors of a term are near 1e-13 of its amplitude: entries below 1e-12 of it are
+        # zeros, which Demand._margin covers.
         curvature = np.where(mixed > 1e-12 * amplitude, mixed * (1 + ROUNDING) + rounding, 0.0)
         steep = np.abs(factors).T @ amplitudes * (1 + ROUNDING)
         span = 2.0 * (factors != 0.0).T @ amplitudes * (1 + ROUNDING)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks, deadline
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
 from microbot_ocp._base.needed import needed
 from microbot_ocp._base.status import Status
 from microbot_ocp._base.table import Column, Table
@@ -389,7 +389,7 @@ def _ends(robot: Robot, loads: tuple[float, float], center: ArrayLike) -> dict[f
         states = np.random.default_rng(0).uniform(-1.0, 1.0, (3, 8, robot.joint_count))
         ends = [arm.torques_along(*states)["tau"] for arm in (*arms.values(), middle)]
         off = np.abs(ends[2] - (ends[0] + ends[1]) / 2).max()
-        if off > 1e-9 * np.abs(ends).max():
+        if off > ROUNDING * np.abs(ends).max():
             raise RuntimeError(f"torques are off by {off:g} from affine ones in the payload")
     return arms
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
 from microbot_ocp.acceleration._demand import Boxes
 from microbot_ocp.acceleration._forms import Terms, tool_terms
 from microbot_ocp.motion import Motion
@@ -17,7 +17,6 @@ from microbot_ocp.robot import Robot
 from microbot_ocp.scene import Box
 
 # Every pose of a path starts the search with one more box for each joint, side and payload.
-SLACK = 1e-9  # excess of a bound that counts as rounding, rad and m
 MOST_POSES = 5000
 
 
@@ -63,7 +62,7 @@ class PositionRegion:
         # ``away + swing``.
         swing, away = moved.sum(axis=1) + self.tool.tangent_error(half), np.abs(terms[:, 0])
         straddles = away + swing > most
-        return np.all(away - swing <= most + SLACK, axis=1), (
+        return np.all(away - swing <= most + ROUNDING, axis=1), (
             moved * (straddles / most)[:, None]
         ).sum(axis=2)
 
@@ -125,7 +124,7 @@ def _along(robot: Robot, poses: FloatArray, words: str) -> PositionRegion:
     low, high = robot.limits.bounds("q")
     if not 1 <= len(poses) <= MOST_POSES:
         raise InputError(f"region must have 1 to {MOST_POSES} poses, not {len(poses)}")
-    for row, k in np.argwhere((poses < low - SLACK) | (poses > high + SLACK))[:1]:
+    for row, k in np.argwhere((poses < low - ROUNDING) | (poses > high + ROUNDING))[:1]:
         raise InputError(
             f"pose {row + 1} of region must be within the limits of {robot.joint_names[k]}, "
             f"[{low[k]:g}, {high[k]:g}] {robot.unit('q', int(k))}, not {poses[row, k]:g}"

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.check import Check, problems_of
-from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp._base.growth import growth_said
 from microbot_ocp.certificate._certificate import Certificate, LimitCheck, ResimulationFigures
 from microbot_ocp.certificate._resimulation import (
@@ -430,7 +430,7 @@ def _between_samples(
     # Interpolating over a jump between two samples overshoots by less than the jump.
     outside = (np.maximum(tau - high, low - tau) - (high - low)).max(axis=1)
     worst = int(outside.argmax())
-    size = max(float(np.abs(ends).max()), 1e-9)
+    size = max(float(np.abs(ends).max()), ROUNDING)
     stray, moment = max(0.0, float(outside[worst] / size)), first + float(middle[worst])
     problem = (
         "position, velocity and acceleration contradict each other: half-way between two samples, "
@@ -516,7 +516,7 @@ def summary(certificate: Certificate, *, simulated: bool) -> str:
     return "; ".join([limits, *(_agreement(certificate) if simulated else ["not simulated"])])
 
 
-ALL_ALONG = 1.0 - 1e-9  # fraction of time from which the motion is undetermined at every instant
+ALL_ALONG = 1.0 - ROUNDING  # fraction of time from which a motion is undetermined all along
 
 
 def _agreement(figures: ResimulationFigures) -> list[str]:
@@ -525,7 +525,7 @@ def _agreement(figures: ResimulationFigures) -> list[str]:
         return ["kinematics only"]
     if figures.undetermined_fraction > ALL_ALONG:
         return []
-    to = f" to {figures.defect:.1g} of the torques" if figures.defect > 1e-12 else ""
+    to = f" to {figures.defect:.1g} of the torques" if figures.defect > ROUNDING else ""
     return [f"re-simulation of {figures.segments} segments agrees{to}"]
 
 

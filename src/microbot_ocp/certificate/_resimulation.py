@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from microbot_ocp._base import deadline
-from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp._base.growth import carry, transition_matrices
 from microbot_ocp._base.status import Status
 from microbot_ocp.certificate._certificate import ResimulationFigures
@@ -84,7 +84,7 @@ class _Drive:
     def __init__(self, robot: Robot, motion: Motion) -> None:
         self.robot, self.motion = robot, motion
         excess = motion.tau - torque_along(robot, State(motion.q, motion.qd, motion.qdd))
-        self.excess = excess if np.abs(excess).max() > 1e-9 * np.abs(motion.tau).max() else None
+        self.excess = excess if np.abs(excess).max() > ROUNDING * np.abs(motion.tau).max() else None
         breaks = np.array([0.0, motion.duration])
         if motion.breaks is not None and motion.breaks.size < motion.t.size:
             breaks = mesh_of(motion)
@@ -163,9 +163,9 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float, first: float = 0.
     done, stuck = [], 0
     left = tried = 0
     while todo.size and not left:
-        low = np.searchsorted(mesh, todo[:, 0] + 1e-9, side="right")
+        low = np.searchsorted(mesh, todo[:, 0] + ROUNDING, side="right")
         # A segment is divided until it is finished, or holds no break and has its least length.
-        inner = low < np.searchsorted(mesh, todo[:, 1] - 1e-9, side="left")
+        inner = low < np.searchsorted(mesh, todo[:, 1] - ROUNDING, side="left")
         segments, good, converged = _integrated(drive, size * tolerance, todo, inner)
         shortest = np.where(converged, SHORTEST_SEGMENT, SHORTEST_STIFF)
         small = ~inner & (np.diff(todo)[:, 0] <= shortest)
@@ -175,7 +175,7 @@ def resimulate(robot: Robot, motion: Motion, tolerance: float, first: float = 0.
         cut = todo.mean(axis=1)
         # A segment with breaks inside is cut at the break nearest to its middle, others are halved.
         for k in np.flatnonzero(inner[~(good | small)]):
-            inside = mesh[(mesh > todo[k, 0] + 1e-9) & (mesh < todo[k, 1] - 1e-9)]
+            inside = mesh[(mesh > todo[k, 0] + ROUNDING) & (mesh < todo[k, 1] - ROUNDING)]
             cut[k] = inside[np.abs(inside - cut[k]).argmin()]
         todo = np.vstack([np.column_stack([todo[:, 0], cut]), np.column_stack([cut, todo[:, 1]])])
         tried += good.size
@@ -207,7 +207,7 @@ def torque_sizes(robot: Robot, motion: Motion) -> FloatArray:
     some = np.linspace(0, motion.t.size - 1, min(100, motion.t.size)).astype(int)
     momenta = np.einsum("kij,kj->ki", _mass_matrices(robot, motion.q[some]), motion.qd[some])
     peaks = np.maximum(peaks, np.abs(momenta).max(axis=0) / motion.duration)
-    return np.maximum(peaks, max(SMALL_TORQUE * float(peaks.max()), 1e-9))
+    return np.maximum(peaks, max(SMALL_TORQUE * float(peaks.max()), ROUNDING))
 
 
 MOST_ITERATIONS = 16  # iterations before a segment is halved

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 
 import microbot_ocp as mo
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
 from microbot_ocp._base.table import Table
 from microbot_ocp._base.writing import write_whole
 from microbot_ocp.cli._declaration import ARM, JOINTS, SOURCE, TIP, XACRO, Numbers, command
@@ -271,7 +271,7 @@ def _outside(robot: Robot, q: FloatArray) -> list[str]:
     return [
         f"{name} at {tables.number(value)} {unit}, allowed {tables.span(lower, upper)} {unit}"
         for name, value, lower, upper, unit in rows
-        if not lower - 1e-9 <= value <= upper + 1e-9
+        if not lower - ROUNDING <= value <= upper + ROUNDING
     ]
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
 from microbot_ocp.certificate import Tolerances
 from microbot_ocp.execution._load import given_task, refuse_other_arm
 from microbot_ocp.execution._profile import HELD, Profile, load_profile
@@ -142,7 +142,7 @@ def rows_of(motion: Motion, profile: Profile) -> CommandRows:
     count = max(1, checks.step_count(motion.duration, step))
     t = np.linspace(0.0, count * step, count + 1)
     state = motion.sample(np.minimum(t, motion.duration))
-    beyond = t > motion.duration * (1 + 1e-12)
+    beyond = t > motion.duration * (1 + ROUNDING)
     still = ~beyond[:, None]
     tau = np.column_stack([np.interp(t, motion.t, column) for column in motion.tau.T])
     return CommandRows(

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
 from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.outcome import Outcome
 from microbot_ocp._base.status import Status
@@ -23,7 +23,6 @@ from microbot_ocp.certificate import limit_checks_of
 from microbot_ocp.execution._load import refuse_other_arm
 from microbot_ocp.limits import (
     LIMIT_TOLERANCE,
-    ROUNDING,
     JointLimits,
     LimitFamily,
     Limits,
@@ -148,7 +147,7 @@ def overridden(
     curve = PathCurve(tuple(CurvePiece(table, float(d)) for table, d in pieces), True, True)
     evenly = np.linspace(at, motion.duration, grid + 1)
     s = np.union1d(evenly, shape.breaks[shape.breaks > at])
-    s = s[np.append(np.diff(s) > 1e-9 * motion.duration, True)]
+    s = s[np.append(np.diff(s) > ROUNDING * motion.duration, True)]
     # A motion at its limits within the tolerance must remain feasible at its own speed.
     widened = with_locked_joints_held(_widened_limits(family, motion), None)
     override = _Override(motion, widened, curve, s, current, rests, compiles(compiled))

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
 from microbot_ocp._base.table import Column, Table
@@ -278,7 +278,7 @@ def smallest_reserve(
         bad, good = good, accuracy if not good else 2.0 * good
         if good >= 1.0 or not np.isfinite(trials[bad].duration):
             return Reserve(Status.NOT_FOUND, np.nan, ideal, ideal, bound, ordered(), advice[0])
-    while good - bad > accuracy * (1.0 + 1e-9):
+    while good - bad > accuracy * (1.0 + ROUNDING):
         middle = 0.5 * (good + bad)
         good, bad = (middle, bad) if keeps(middle) else (good, middle)
     return Reserve(Status.SOLVED, good, motions[good], ideal, bound, ordered())

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp._base.fast_calls import FastCall, deferred_call
 from microbot_ocp._base.quasi_random import evenly_spread_step
 from microbot_ocp._base.threads import cached_in_thread
@@ -45,7 +45,7 @@ IPOPT_OPTIONS = {
 def reach(robot: Robot) -> float:
     """Return the sum of the link lengths, m, an upper bound of the reach; 1 if all are zero."""
     total = np.abs(robot.a).sum() + np.abs(robot.d).sum() + np.linalg.norm(robot.tool[:3, 3])
-    return float(total) if total > 1e-9 else 1.0
+    return float(total) if total > ROUNDING else 1.0
 
 
 @lru_cache(maxsize=64)

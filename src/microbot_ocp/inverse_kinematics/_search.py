@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import deadline
-from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp._base.quasi_random import quasi_random
 from microbot_ocp.inverse_kinematics import _kernels as kernels
 from microbot_ocp.inverse_kinematics._result import read_only
@@ -78,7 +78,7 @@ def within_limits(robot: Robot, q: FloatArray, near: FloatArray) -> tuple[FloatA
     """Move joints [K,n] by full turns into the limits, nearest to ``near``; return success [K]."""
     lower, upper = robot.limits.bounds("q")
     turn = 2 * np.pi
-    slack = 1e-9
+    slack = ROUNDING
     first = np.ceil((lower - slack - q) / turn)
     last = np.floor((upper + slack - q) / turn)
     wished = np.round((near - q) / turn)
@@ -347,7 +347,7 @@ def _slide(
             break
         trial = q + along * min(1.0, length / size) * scale
         poses, errors = descend(robot, np.clip(trial, *bounds)[None], target[None], bounds)
-        nearer = np.linalg.norm((wanted - poses[0]) / scale) < np.linalg.norm(missing) - 1e-9
+        nearer = np.linalg.norm((wanted - poses[0]) / scale) < np.linalg.norm(missing) - ROUNDING
         if errors[0] < goal(robot) and nearer:
             q = poses[0]
         else:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
 
 AT_LIMIT = 0.99
 """Share of a limit from which the limit counts as reached."""
 LIMIT_TOLERANCE = 5e-3
 """Excess, relative to the limit, that a certificate accepts by default."""
-ROUNDING = 1e-9
-"""Excess, relative to the limit, that is attributed to rounding."""
 
 
 def use_of(

@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
 from microbot_ocp._base.needed import needed
 from microbot_ocp._base.showing import view_for
 from microbot_ocp._base.writing import digest, whole_file, write_whole
@@ -137,9 +137,9 @@ def _write_csv(path: Path, columns: Columns) -> None:
             heads.append("mark")
             marks = [""] * len(rows)
             for time, name in columns.marks:  # the first row that is not before the mark
-                row = min(int(np.searchsorted(columns.t, time - 1e-9)), len(rows) - 1)
+                row = min(int(np.searchsorted(columns.t, time - ROUNDING)), len(rows) - 1)
                 name = name.translate(ESCAPED)
-                text = name if abs(columns.t[row] - time) < 1e-9 else f"{name} @ {time!r}"
+                text = name if abs(columns.t[row] - time) < ROUNDING else f"{name} @ {time!r}"
                 marks[row] = "; ".join(filter(None, [marks[row], text]))
             rows = [[*row, mark] for row, mark in zip(rows, marks, strict=True)]
         writer.writerow(heads)

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.archive import no_archive, read_archive, write_archive
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
 from microbot_ocp._base.foreign_words import HintingOfArms
 from microbot_ocp._base.outcome import SOLVED, Outcome
 from microbot_ocp._base.schema import refuse_toml
@@ -97,7 +97,7 @@ class Motion(HintingOfArms):
             put(self, name, checks.array(name, getattr(self, name), self.q.shape, unit))
         breaks = self.t if self.breaks is None else checks.array("breaks", self.breaks, (None,))
         ends = breaks[[0, -1]] if breaks.size > 1 else np.array([np.nan, np.nan])
-        if not np.allclose(ends, (0.0, self.t[-1]), rtol=1e-9) or np.any(np.diff(breaks) <= 0):
+        if not np.allclose(ends, (0.0, self.t[-1]), rtol=ROUNDING) or np.any(np.diff(breaks) <= 0):
             raise InputError(
                 f"breaks must be strictly increasing times from 0 to {self.t[-1]:g} s, not "
                 f"{breaks.tolist()}"
@@ -174,7 +174,7 @@ class Motion(HintingOfArms):
         before = acceleration(breaks, from_left=True)[1:-1]
         after = acceleration(breaks)[1:-1]
         size = 1.0 + np.abs(acceleration.coefficients[:, 0]).max()
-        jumps = np.abs(after - before).max(axis=1) > 1e-9 * size
+        jumps = np.abs(after - before).max(axis=1) > ROUNDING * size
         jumps |= np.isin(breaks[1:-1], jumps_at)
 
         def state_at(t: FloatArray) -> State:
@@ -279,7 +279,7 @@ class Motion(HintingOfArms):
     def _pieces_at(self, t: ArrayLike) -> tuple[FloatArray, np.ndarray]:
         """Return checked times [N] within the motion, and the indices of their intervals."""
         times = checks.array("t", np.atleast_1d(np.asarray(t)), (None,), "s")
-        slack = 1e-9 * max(1.0, self.duration)
+        slack = ROUNDING * max(1.0, self.duration)
         outside = times[(times < -slack) | (times > self.duration + slack)]
         if outside.size:
             raise InputError(
@@ -550,7 +550,7 @@ def sample_times(breaks: FloatArray, jumps: FloatArray, step: float, least: int 
     breaks = np.asarray(breaks, dtype=float)
     step = max(step, checks.longest_step(float(breaks[-1] - breaks[0]), checks.MOST_SAMPLES))
     start, length = breaks[:-1], np.diff(breaks)
-    count = np.maximum(least, np.ceil(length / step - 1e-9)).astype(int)
+    count = np.maximum(least, np.ceil(length / step - ROUNDING)).astype(int)
     # The first interval gets an inner sample, so that a break is never mistaken for the side of a
     # jump: breaks that equal all samples would look like the default.
     count[0] = max(count[0], 2 if length[0] > 6 * JUMP_GAP else 1)
@@ -591,7 +591,7 @@ def polynomial_of(motion: Motion) -> PiecewisePolynomial:
 
 
 # Rounding of positions in the acceleration of a quintic, times h^-2.
-ROUNDING = 360 * np.finfo(float).eps
+LAST_DIGITS = 360 * np.finfo(float).eps
 ROUNDING_ALLOWED = 1e-6  # rounding error of an acceleration, relative to the largest one
 
 
@@ -607,11 +607,11 @@ def pieces_of(motion: Motion, i: np.ndarray | None = None) -> FloatArray:
     # In short intervals rounding dominates the difference of positions: velocities and
     # accelerations determine the polynomial, in still shorter ones accelerations alone.
     least = ROUNDING_ALLOWED * np.abs(motion.qdd).max(initial=0.0)
-    short = ROUNDING * np.abs(start.q).max(axis=1, initial=0.0) > h**2 * least
+    short = LAST_DIGITS * np.abs(start.q).max(axis=1, initial=0.0) > h**2 * least
     if short.any():
         step, change = h[short, None], (end.qdd - start.qdd)[short]
         gained = (end.qd - start.qd)[short] - step * start.qdd[short]
-        precise = ROUNDING * np.abs(start.qd[short]).max(axis=1) <= h[short] * least
+        precise = LAST_DIGITS * np.abs(start.qd[short]).max(axis=1) <= h[short] * least
         gained = np.where(precise[:, None], gained, 0.5 * step * change)
         c[short, 3] = (gained / step - change / 3.0) / step
         c[short, 4] = (change / 4.0 - 0.5 * gained / step) / step**2

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp.limits import JUMP_TIME, MotionSamples, StateHistory, jumps_between
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def dense_times(motion: Motion) -> tuple[FloatArray, float]:
     lengths = np.diff(mesh)
     step = max(DENSE_STEP, checks.longest_step(motion.duration, round(checks.SLOW / DENSE_STEP)))
     ratio = int(np.clip(MANY_POINTS // lengths.size, LEAST_POINTS, POINTS_PER_INTERVAL))
-    points = np.maximum(ratio, np.ceil(lengths / step - 1e-9)).astype(int)
+    points = np.maximum(ratio, np.ceil(lengths / step - ROUNDING)).astype(int)
     # Points just before each break give the limits from the left.
     before = mesh[1:-1] - np.minimum(2 * JUMP_GAP, 1e-3 * lengths[:-1])
     grid = np.concatenate([with_parts(mesh, points), before, motion.t])

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
 from microbot_ocp._base.needed import needed
 from microbot_ocp._base.quasi_random import evenly_spread_step
 from microbot_ocp.robot._model import Robot
@@ -145,7 +145,7 @@ def link_capsules(robot: Robot, radius: ArrayLike | None = None) -> dict[int, tu
         raise InputError(f"radius must be above 0 m, not {given.min():g}")
     capsules: dict[int, tuple[Capsule, ...]] = {}
     for (frame, start, end), length in zip(segments, lengths, strict=True):
-        if length > 1e-9 * total:
+        if length > ROUNDING * total:
             named = robot.links[frame - 1].name if frame and robot.links else None
             name = named or (f"link {frame}" if frame else "base")
             capsule = Capsule(start, end, float(given[frame]), name)
@@ -510,7 +510,7 @@ def _smallest(points: list[FloatArray]) -> tuple[list[FloatArray], FloatArray, f
     distances = np.linalg.norm(given - centers[:, None], axis=2)
     chosen = [*pairs.tolist(), *triples.tolist()]
     radii = np.array([distances[row, members[0]] for row, members in enumerate(chosen)])
-    holds = distances.max(axis=1) <= radii * (1 + 1e-9)
+    holds = distances.max(axis=1) <= radii * (1 + ROUNDING)
     if not holds.any():
         return points, points[0], np.inf
     best = int(np.where(holds, radii, np.inf).argmin())

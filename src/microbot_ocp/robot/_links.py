@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
 
 Part = tuple[float, FloatArray, FloatArray]  # mass, centre [3], inertia about the centre [3,3]
 INERTIA_ROUNDING = 1e-15  # kg m^2, of 1 mg at 30 um: rounding of an inertia that should be zero
@@ -124,7 +124,7 @@ class Link:
         center = checks.array(f"center_of_mass of {label}", self.center_of_mass, (3,), "m")
         put(self, "center_of_mass", center)
         inertia = checks.array(f"inertia of {label}", self.inertia, (3, 3), "kg m^2")
-        if np.abs(inertia - inertia.T).max() > 1e-9 * np.abs(inertia).max():
+        if np.abs(inertia - inertia.T).max() > ROUNDING * np.abs(inertia).max():
             raise InputError(f"inertia of {label} must be symmetric, not {inertia.tolist()} kg m^2")
         if not isinstance(self.allow_unphysical, bool):
             raise InputError(
@@ -152,7 +152,7 @@ def inertia_fault(inertia: FloatArray) -> str | None:
     if not 0.0 < size < np.inf:
         return None
     principal = size * np.linalg.eigvalsh(inertia / size)
-    if principal[0] < -1e-9 * size - INERTIA_ROUNDING:
+    if principal[0] < -ROUNDING * size - INERTIA_ROUNDING:
         return (
             f"must be positive semi-definite, but a principal moment is {principal[0]:.6g} kg m^2"
         )

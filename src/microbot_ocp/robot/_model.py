@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError, shown, warn_user
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError, shown, warn_user
 from microbot_ocp._base.foreign_words import HintingOfArms, our_name
 from microbot_ocp._base.showing import view_for
 from microbot_ocp.limits import JOINT_QUANTITIES, JointLimits, LimitChanges, Limits
@@ -639,7 +639,7 @@ def _warn_of_degrees(limits: JointLimits, joint_types: Sequence[str], keys: Iter
 def _check_units(name: str, table: Mapping[str, FloatArray]) -> None:
     """Raise InputError for angles beyond a turn; warn about lengths that look like millimetres."""
     for key in ("alpha", "theta_offset", "beta"):
-        if np.abs(table[key]).max() > 2 * np.pi * (1.0 + 1e-9):
+        if np.abs(table[key]).max() > 2 * np.pi * (1.0 + ROUNDING):
             angles = table[key].tolist()
             raise InputError(
                 f"{key} must be within a turn, in rad, not {angles}; of degrees "

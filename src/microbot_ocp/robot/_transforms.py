@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError, warn_user
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError, warn_user
 
 
 def transform_of(rotation: ArrayLike, position: ArrayLike) -> FloatArray:
@@ -124,7 +124,7 @@ def rigid_transform(name: str, value: ArrayLike | None) -> FloatArray:
         matrix = dh_transform(*checks.array(name, value, (4,)))
     else:
         matrix = np.array(checks.array(name, value, (4, 4)))
-        if np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-9:
+        if np.abs(matrix[3] - [0, 0, 0, 1]).max() > ROUNDING:
             raise InputError(
                 f"{name} must be a homogeneous transform with a last row 0 0 0 1, not "
                 f"{matrix.tolist()}"

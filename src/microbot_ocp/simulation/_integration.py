@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import deadline
-from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp._base.child_process import Died, OutOfTime, Send, can_fork, in_child
 from microbot_ocp._base.fast_calls import FastCall, deferred_call
 from microbot_ocp._base.status import Status
@@ -275,7 +275,7 @@ def _by_plugin(
     stops = np.union1d(s[1:], np.arange(1.0, edges.size))
     stops = stops[np.append(np.diff(stops) > 1e-13 * edges.size, True)]
     wanted = np.clip(np.searchsorted(stops, s[1:] - 1e-12 * edges.size), 0, stops.size - 1)
-    piece = np.clip(np.ceil(stops - 1e-9).astype(int) - 1, 0, edges.size - 2)
+    piece = np.clip(np.ceil(stops - ROUNDING).astype(int) - 1, 0, edges.size - 2)
 
     by_error = settings.integrator in ("cvodes", "idas")
     limited = np.isfinite(deadline.until())
@@ -341,9 +341,6 @@ def within_deadline(
 def run_without_states(status: Status, message: str) -> IntegrationRun:
     """Return a run without states."""
     return IntegrationRun(status, np.zeros((0, 0)), message=message)
-
-
-ROUNDING = 1e-9  # relative change below which halving a fixed step changes rounding errors only
 
 
 def with_halved_steps(

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks, deadline
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
 from microbot_ocp._base.child_process import Send
 from microbot_ocp._base.fast_calls import deferred_call
 from microbot_ocp._base.relations import reason_of
@@ -424,7 +424,7 @@ class SampledLoop(NamedTuple):
             tau = np.vstack([np.repeat(held[0], inner, axis=0), held[0][-1:]])
         if not run.states.size:  # a failure in one sample leaves the whole map without states
             run = run._replace(states=np.full((grid.size, 2 * count), np.nan))
-        keep = grid <= samples.end + 1e-9 * samples.within[-1]
+        keep = grid <= samples.end + ROUNDING * samples.within[-1]
         run = run._replace(states=run.states[keep])
         return np.minimum(grid[keep], samples.end), run, tau[keep]
 
@@ -471,7 +471,7 @@ def checked_start(
     q = checks.array("q0", q0, (count,), "rad")
     qd = np.zeros(count) if qd0 is None else checks.array("qd0", qd0, (count,), "rad/s")
     low, high = robot.limits.bounds("q")
-    outside = np.flatnonzero((q < low - 1e-9) | (q > high + 1e-9))
+    outside = np.flatnonzero((q < low - ROUNDING) | (q > high + ROUNDING))
     if outside.size:
         j = int(outside[0])
         raise InputError(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
 from microbot_ocp._base.relations import reason_of
 from microbot_ocp.motion import (
     SAMPLE_STEP,
@@ -44,7 +44,7 @@ EXACT_FIT = np.full(3, FIT_ERROR)  # relative fit errors of polynomials
 
 def torque_signal(tau: Motion | ArrayLike | Formula | None, grid: FloatArray, count: int) -> Signal:
     if isinstance(tau, Motion):
-        slack = 1e-9 * max(1.0, tau.duration)
+        slack = ROUNDING * max(1.0, tau.duration)
         if grid[0] < -slack or grid[-1] > tau.duration + slack:
             raise InputError(
                 f"t must be within the motion, 0 to {tau.duration:g} s, not "
@@ -90,14 +90,14 @@ def reference_signal(
         return 0.0, end, formula_signal(t, ca.vertcat(q, qd, qdd))
     if duration is None:
         duration = longest
-    duration = checks.number("duration", duration, "s", above=0.0, at_most=longest * (1 + 1e-9))
+    duration = checks.number("duration", duration, "s", above=0.0, at_most=longest * (1 + ROUNDING))
     checks.number("duration", duration, "s", at_most=checks.LONGEST)
     end = begin + min(duration, longest)
     if isinstance(motion, PiecewisePolynomial) and end == motion.breaks[-1]:
         pieces = series_of(motion)
         if pieces is not None:
             return begin, end, Signal(values, None, pieces)
-    edges = np.append(breaks[breaks < end * (1 - 1e-12)], end)
+    edges = np.append(breaks[breaks < end * (1 - ROUNDING)], end)
     # Tolerances are relative to the size of each quantity, sampled inside the pieces.
     inside = edges[:-1, None] + np.diff(edges)[:, None] * np.arange(8) / 8.0
     scale = np.abs(values(inside.ravel())).reshape(-1, 3, count).max(axis=(0, 2))

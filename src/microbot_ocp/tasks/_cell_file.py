@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import InputError, naming, plain
+from microbot_ocp._base.checks import ROUNDING, InputError, naming, plain
 from microbot_ocp._base.schema import (
     ANGLE,
     ANY,
@@ -458,7 +458,7 @@ def _stop(robot: Robot, row: Mapping[str, Any], default: str) -> Stop:
         if "orientation" in given:
             raise InputError(f"{where}: give an orientation or rpy, not both")
         angles = checks.array(f"rpy {where}", given.pop("rpy"), (3,), "rad")
-        if np.abs(angles).max() > LARGEST_ANGLE + 1e-9:
+        if np.abs(angles).max() > LARGEST_ANGLE + ROUNDING:
             raise InputError(f"{where}: rpy is in rad, not {angles.tolist()}; or give rpy_deg")
         given["orientation"] = rotation_of(angles)
     payload = given.get("payload")

@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp.motion import Motion, PiecewisePolynomial
 from microbot_ocp.planning.search import tool_poses
 from microbot_ocp.planning.task import Corner, Task
@@ -89,7 +89,7 @@ def _path_duration(robot: Robot, q: FloatArray, smooth: bool) -> float:
     """Return the duration from rest to rest of a profile along the path through poses [N,n], s."""
     tool = tool_poses(robot, q)
     way = np.linalg.norm(np.diff(tool[:, :3, 3], axis=0), axis=1)
-    if not way.max() > 1e-9 * np.ptp(q, axis=0).max():  # pure rotation: measure in joint space
+    if not way.max() > ROUNDING * np.ptp(q, axis=0).max():  # pure rotation: measure in joint space
         way = np.linalg.norm(np.diff(q, axis=0), axis=1)
     far = np.append(True, way > 1e-6 * way.max())
     length = np.append(0.0, np.cumsum(way))[far]

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp._base.outcome import Outcome
 from microbot_ocp.limits import LimitFamily, quantity_name
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial
@@ -192,7 +192,7 @@ def _passage(units: Sequence[str], via: FloatArray, q: FloatArray, qd: FloatArra
     miss = float(np.abs(q - via).max())
     unit = " or ".join(units)
     speeds = f"({', '.join(f'{v:.3f}' for v in qd)}) {'/s or '.join(units)}/s"
-    if miss < 1e-9:
+    if miss < ROUNDING:
         return f"passes the via point, at qd = {speeds}"
     return f"does not pass the via point: misses it by {miss:.4f} {unit}, qd = {speeds}"
 

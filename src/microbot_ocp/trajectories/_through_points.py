@@ -11,10 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
 from microbot_ocp.motion import PiecewisePolynomial, State, quintic_between
-
-ROUNDING = 1e-12  # relative to a segment; shorter linear parts are left out as rounding
 
 
 class ViaPoints(NamedTuple):

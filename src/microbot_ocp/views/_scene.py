@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import casadi as ca
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp._base.fast_calls import buffered_call
 from microbot_ocp.limits import JOINT_QUANTITIES, LimitFamily
 from microbot_ocp.motion import Motion
@@ -179,7 +179,7 @@ class AxisLimits(NamedTuple):
 
 def is_near(bound: float, low: float, high: float) -> bool:
     """Return whether a bound is close enough to the range low to high to be drawn."""
-    span = max(high - low, 1e-9)
+    span = max(high - low, ROUNDING)
     return bool(np.isfinite(bound)) and max(high, bound) - min(low, bound) <= LARGEST_STRETCH * span
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
 from microbot_ocp.ocp.solution import PhaseSolution
 
 CURVE_POINTS = 400  # samples of a solution's curve per phase
@@ -27,7 +27,7 @@ class BoundedCurve:
 
 def dense_times(phase: PhaseSolution) -> FloatArray:
     """Return even times and both sides of every mesh point (controls may jump there), s."""
-    edges, gap = phase.t[1:-1], 1e-9 * phase.duration
+    edges, gap = phase.t[1:-1], ROUNDING * phase.duration
     even = np.linspace(0.0, phase.duration, CURVE_POINTS)
     return np.unique(np.concatenate([even, edges - gap, edges + gap]))
 

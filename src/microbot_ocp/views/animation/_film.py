@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
 from microbot_ocp.limits import quantity_name
 from microbot_ocp.scene import HalfSpace
 from microbot_ocp.views._eye import grid_spacing
@@ -128,7 +128,7 @@ class Film:
         space.axis("off")
         self.floor, self.still = None, [tube_faces(tube, size) for tube in self.around.tubes]
         for obstacle, solid in self.around.obstacles(self.robot):
-            if isinstance(obstacle, HalfSpace) and obstacle.normal @ self.up > 1.0 - 1e-9:
+            if isinstance(obstacle, HalfSpace) and obstacle.normal @ self.up > 1.0 - ROUNDING:
                 self.floor = obstacle.offset
             else:
                 self.still.append(solid_faces(solid, LONGEST_EDGE * size))

@@ -12,7 +12,7 @@ from mpl_toolkits.mplot3d import Axes3D
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
 from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.robot import Robot
 from microbot_ocp.tasks import Comparison
@@ -112,7 +112,7 @@ def _page(comparison: Comparison, axes: GivenAxes | None) -> Page:
 def has_vertical_waist(comparison: Comparison) -> bool:
     """Return whether the first joint turns about the base's z axis."""
     robot = comparison.robot.chain
-    along = abs(robot.alpha[0]) < 1e-9 and abs(robot.a[0]) < 1e-9
+    along = abs(robot.alpha[0]) < ROUNDING and abs(robot.a[0]) < ROUNDING
     upright = np.allclose(robot.base[2, :3], [0, 0, 1]) and np.allclose(robot.base[:2, 3], 0)
     return bool(along and upright) and robot.joint_types[0] == "revolute"
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp.limits import LimitFamily, LimitHistory
 from microbot_ocp.motion import Mark, Motion, State, history_of, jump_gaps, mesh_of, torque_along
 from microbot_ocp.robot import Robot
@@ -235,6 +235,6 @@ def progress(motion: Motion, t: FloatArray) -> FloatArray:
     """
     steps = np.linalg.norm(np.diff(motion.q, axis=0), axis=1)
     length = np.append(0.0, np.cumsum(steps))
-    if length[-1] < 1e-9:
+    if length[-1] < ROUNDING:
         return t / motion.duration
     return np.interp(t, motion.t, length / length[-1])

@@ -15,7 +15,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp.ocp.solution import Iteration, PhaseSolution
 from microbot_ocp.planning.free import MotionIteration
 from microbot_ocp.tasks import Step
@@ -175,7 +175,7 @@ def phase_curves(phases: tuple[PhaseSolution, ...]) -> dict[str, BoundedCurve]:
 
     Each interval has five samples strictly inside, because a control may jump between intervals.
     """
-    inside, joined = np.linspace(1e-9, 1 - 1e-9, 5), {}
+    inside, joined = np.linspace(ROUNDING, 1 - ROUNDING, 5), {}
 
     def times(phase: PhaseSolution) -> FloatArray:
         return (phase.t[:-1, None] + np.diff(phase.t)[:, None] * inside).ravel()
@@ -288,7 +288,7 @@ def rounded(low: float, high: float) -> tuple[float, float]:
     size = _size(low, high)
     decade = 10.0 ** np.floor(np.log10(size / 4))
     step = next(decade * m for m in (1, 2, 5, 10) if size / (decade * m) <= 5)
-    bottom, top = step * np.floor(low / step + 1e-9), step * np.ceil(high / step - 1e-9)
+    bottom, top = step * np.floor(low / step + ROUNDING), step * np.ceil(high / step - ROUNDING)
     if top - bottom < step / 2:
         top = bottom + step
     return float(f"{bottom:.9g}") + 0.0, float(f"{top:.9g}") + 0.0  # no -0.0
@@ -296,4 +296,4 @@ def rounded(low: float, high: float) -> tuple[float, float]:
 
 def _size(low: float, high: float) -> float:
     """Return the length of a range, with a positive value for a single point."""
-    return max(high - low, 1e-3 * max(abs(low), abs(high)), 1e-9)
+    return max(high - low, 1e-3 * max(abs(low), abs(high)), ROUNDING)

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 import rerun as rr
 
-from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp._base.fast_calls import buffered_call
 from microbot_ocp.motion import State
 from microbot_ocp.robot import JointLimits, Robot, forward_kinematics, jacobian
@@ -98,7 +98,7 @@ def arrows(robot: Robot, arms: Sequence[AnimatedArm]) -> list[Arrows]:
     for name, quantity, color, function in rows:
         vectors = tuple(function(robot, arm.state) for arm in arms)
         largest = max((float(np.linalg.norm(v, axis=1).max()) for v in vectors), default=0.0)
-        scale = LONGEST_ARROW * reach(robot) / largest if largest > 1e-9 else 0.0
+        scale = LONGEST_ARROW * reach(robot) / largest if largest > ROUNDING else 0.0
         kinds.append(Arrows(name, quantity, color, vectors, scale))
     return kinds
 

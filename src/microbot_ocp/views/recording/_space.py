@@ -8,7 +8,7 @@ from itertools import compress
 import numpy as np
 import rerun as rr
 
-from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import with_arm_capsules
 from microbot_ocp.views import _palette as palette
@@ -64,7 +64,7 @@ def draw_base(
         fill_mode="solid",
     )
     writer.static(f"{WORLD}/base", plate)
-    if np.linalg.norm(base) > 1e-9:
+    if np.linalg.norm(base) > ROUNDING:
         post = rr.LineStrips3D([[np.zeros(3), base]], radii=0.006 * size, colors=[palette.DULL])
         writer.static(f"{WORLD}/base/post", post)
     if target is not None:
@@ -180,7 +180,7 @@ def _draw_link(
     lengths = np.linalg.norm(vectors, axis=1)
     if lengths.max() < 1e-6:
         return
-    fixed = np.ptp(vectors, axis=0).max() < 1e-9 * max(1.0, lengths.max())
+    fixed = np.ptp(vectors, axis=0).max() < ROUNDING * max(1.0, lengths.max())
     shape = rr.Capsules3D.from_fields(
         lengths=lengths[:1] if fixed else None,
         quaternions=along_z(vectors[:1]) if fixed else None,

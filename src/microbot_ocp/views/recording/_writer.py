@@ -15,7 +15,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp._base.table import Table
 from microbot_ocp._base.writing import check_writable, write_whole
 from microbot_ocp.robot import TriangleMesh
@@ -203,5 +203,5 @@ def along_z(vectors: FloatArray) -> FloatArray:
     length = np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)
     x, y, z = (vectors / length).T
     turned = np.column_stack([-y, x, np.zeros_like(x), 1 + z])
-    turned[z < -1 + 1e-9] = (1.0, 0.0, 0.0, 0.0)  # half a turn about x: the axis is not unique
+    turned[z < -1 + ROUNDING] = (1.0, 0.0, 0.0, 0.0)  # half a turn about x: the axis is not unique
     return turned / np.linalg.norm(turned, axis=1, keepdims=True)
