@@ -7,8 +7,8 @@ first. ``_problem.py`` states a task as a program, ``_branches.py`` finds ways t
 ``_starts.py`` solves from initial guesses on coarse meshes, ``_refinement.py`` refines these
 answers, and ``_search.py`` holds and ranks them. ``_legs.py`` holds paths around obstacles,
 ``_among_obstacles.py`` plans them, and ``_guided.py`` searches from them. ``_result.py`` returns
-the motion, also that of least effort; ``_orders.py`` compares orders of stops; ``_prepared.py``
-solves again with other numbers.
+the motion, also that of least effort; ``_fronts.py`` gives fronts of motions, ``_orders.py``
+compares orders of stops, and ``_prepared.py`` solves again with other numbers.
 """
 
 import lazy_loader

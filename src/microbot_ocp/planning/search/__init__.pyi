@@ -3,6 +3,7 @@
 from ._among_obstacles import LegPlanner as LegPlanner
 from ._branches import least_duration as least_duration
 from ._estimate import rested_duration as rested_duration
+from ._fronts import motions_of_front as motions_of_front
 from ._legs import ProvedPath as ProvedPath, at_least as at_least
 from ._prepared import TimeOptimalSolver as TimeOptimalSolver
 from ._result import FREE as FREE
@@ -22,6 +23,5 @@ from ._through_stops import (
     SolveRequest as SolveRequest,
     fastest_through as fastest_through,
     in_order as in_order,
-    motions_of_front as motions_of_front,
 )
 from ._time_optimal import time_optimal as time_optimal

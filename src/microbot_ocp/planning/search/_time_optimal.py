@@ -13,6 +13,7 @@ from microbot_ocp._base.checks import InputError
 from microbot_ocp.limits import JointLimits, Limits, with_reserve
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import StepProgress, quiet
+from microbot_ocp.planning.search._among_obstacles import stops_among
 from microbot_ocp.planning.search._orders import solve_stops
 from microbot_ocp.planning.search._settings import TimeOptimalSettings
 from microbot_ocp.planning.search._through_stops import SolveRequest, fastest_through
@@ -157,6 +158,4 @@ def time_optimal(
     if scene is None:
         return with_drives_noted(robot, solve_stops(request), limits)
     with chosen.within(CELL_TIME_LIMIT):
-        from microbot_ocp.planning.search._among_obstacles import stops_among
-
         return with_drives_noted(robot, stops_among(request), limits)
