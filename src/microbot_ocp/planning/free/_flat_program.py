@@ -53,7 +53,6 @@ DUAL = 1e-6  # tolerance of stationarity, scaled
 # Panda go from here to DUAL, and change its duration by 3e-7.
 ROUGH_DUAL = 1e-4
 SLOWING = 1.2  # factor between two durations of a guess that is slowed down
-MOST_SLOWED = 30  # number of such factors
 GROSS_EXCESS = 10.0  # scaled excess of a limit above which a guess is slowed down
 # A barrier problem of IPOPT is solved to this multiple of its barrier parameter, which it reduces
 # down to the tolerance of complementarity divided by one more (Waechter and Biegler 2006, eq. 7).
@@ -360,26 +359,37 @@ class FlatTranscription:
                 guess_table(given.values.get(key, 0.0), layout.count, mesh) for key in POINT_KEYS
             ]
             motion.append((float(given.duration or 1.0), np.array(tables)))
-        x = self._packed(layout, motion, self._starts)
-        return StartingPoint(self._inside(program, x / program.scales.unknowns))
+        x = self._packed(layout, motion, self._starts) / program.scales.unknowns
+        if any(family.jerk_matters for family in self.families):
+            x = self._slowed(program, x)
+        return StartingPoint(self._inside(program, x))
 
-    def slowed(self, meshes: Meshes, guess: Mapping[str, Guess]) -> dict[str, Guess]:
-        """Return a guess slowed down until it exceeds no limit grossly, as far as that helps.
+    def _slowed(self, program: FlatProgram, x: FloatArray) -> FloatArray:
+        """Return unknowns of a motion slowed down until it exceeds no limit grossly.
 
-        From far beyond the limits, as torque rates of a curved guess are, a solve takes several
-        times the iterations. Slowing down ends where gravity alone exceeds a torque.
+        Rates grow with the cube of the speed. From far beyond the limits, as torque rates of a
+        curved guess are, a solve takes several times the iterations. Slowing down ends where it
+        does not help, because gravity alone exceeds a torque.
         """
-        program, least, best = self.program(meshes), np.inf, dict(guess)
-        for power in range(MOST_SLOWED):
-            slower = {name: _slower(given, SLOWING**power) for name, given in guess.items()}
-            rows = program.row_values(self.starting_point(program, slower).x)
-            excess = float(np.max([rows - program.row_upper, program.row_lower - rows], initial=0))
+        layout = program.structure.rows.layout
+        n = layout.count
+        # Coefficients between via points are products of a rate and the power of the duration.
+        factors = np.ones(layout.size)
+        factors[layout.durations] = SLOWING
+        for _, v, before, after in layout.nodes:
+            factors[v : v + n] = 1.0 / SLOWING
+            factors[before : before + n] = factors[after : after + n] = SLOWING**-2
+        excess, slower = np.inf, x
+        while (slower <= program.variable_upper)[layout.durations].all():
+            rows = program.row_values(self._inside(program, slower))
+            over = np.maximum(rows - program.row_upper, program.row_lower - rows)
+            least, excess = excess, float(over.max(initial=0.0))
             if not excess < least:
                 break
-            best, least = slower, excess
+            x, slower = slower, factors * slower
             if excess <= GROSS_EXCESS:
                 break
-        return best
+        return x
 
     @staticmethod
     def _inside(program: FlatProgram, x: FloatArray) -> FloatArray:
@@ -442,21 +452,6 @@ class FlatTranscription:
                 variables[b : b + n] = multipliers[1][a : a + n]
         variables[layout.durations] = multipliers[1][old_layout.durations]
         return StartingPoint(x, moved, variables)
-
-
-def _slower(guess: Guess, factor: float) -> Guess:
-    """Return a guess of a motion that takes ``factor`` times as long."""
-    values = dict(guess.values)
-    for order, key in enumerate(POINT_KEYS):
-        if key in values:
-            values[key] = _times(values[key], factor**-order)
-    return replace(guess, duration=factor * float(guess.duration or 1.0), values=values)
-
-
-def _times(value: Any, factor: float) -> Any:
-    if callable(value):
-        return lambda s: factor * np.asarray(value(s))
-    return factor * np.asarray(value, dtype=float)
 
 
 def _with_rated(family: LimitFamily, keys: Sequence[str]) -> tuple[str, ...]:

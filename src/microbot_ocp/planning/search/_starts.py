@@ -160,10 +160,7 @@ def from_guess(search: MotionSearch, start: TrialStart, intervals: int) -> Motio
     refiner, name = coarse(search), start.guess.name
     refiner = replace(refiner, settings=replace(refiner.settings, **start.settings))
     given = {"tolerance": COARSE_TOLERANCE, "barrier": start.barrier}
-    guesses = start.guess.guesses
-    if search.problem.is_rated:  # rates grow with the cube of the speed
-        guesses = refiner.transcription.slowed(intervals, guesses)
-    solution = refiner.solve(intervals, guesses, **given)
+    solution = refiner.solve(intervals, start.guess.guesses, **given)
     _report(search, name, solution, f" on {intervals} intervals a phase")
     return _answer(search, name, solution, refiner, way=start.way)
 
