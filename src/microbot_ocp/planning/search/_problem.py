@@ -283,14 +283,10 @@ class MotionProblem:
         return Slowed(motion_of(task, shapes, {}), "a way that rests at every stop")
 
     def slowed(self, solution: Solution) -> Motion | None:
-        """Return a solution slowed down until it keeps the limits; None if that fails."""
+        """Return a solution slowed down until it keeps the limits; None if that fails. Cached."""
         if solution not in self._slowed and self.timed_path is None:
             anew = self._slowed_anew if self.is_free else self._slowed_with_stops
             self._slowed[solution] = anew(solution)
-        return self.slowed_before(solution)
-
-    def slowed_before(self, solution: Solution) -> Motion | None:
-        """Return the slowed solution if it was computed before."""
         return self._slowed.get(solution)
 
     @property

@@ -18,6 +18,7 @@ from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LimitFamily
+from microbot_ocp.motion import Motion
 from microbot_ocp.ocp import PhaseSolution, Solution, SolverSettings
 from microbot_ocp.ocp.refinement import FORESIGHT as LEAST_FORESIGHT, WARM_BARRIER, WORSE, Refiner
 from microbot_ocp.ocp.solution import StepProgress
@@ -198,8 +199,8 @@ def _refined(search: MotionSearch, answer: MotionAnswer) -> Iterator[MotionAnswe
                 smoothed = less_smoothing(search, full)
                 yield smoothed
                 best = smoothed if smoothed.solved else full
-        elif _can_be_smoothed(search, answer):
-            smoothed = less_and_less_smoothing(search, answer)
+        elif (within := _within_limits(search, answer)) is not None:
+            smoothed = less_and_less_smoothing(search, answer, within)
             yield smoothed
             best = smoothed if smoothed.solved else answer
         if best is answer and search.problem.timed_path is not None:
@@ -240,9 +241,9 @@ def to_full_mesh(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
             return finer(solution, refiner)
     # A warm start with multipliers needs a barrier parameter that matches the mesh error: a smaller
     # one keeps the iterates too near to bounds that are active on the coarse mesh only.
-    settings, once = _from_barrier(refiner, FAR_BARRIER), False
-    if len(before.phases) <= MANY_PHASES and _within_limits(search, subject) is not None:
-        settings, once = _at_most(settings, USUAL_ITERATIONS), True
+    settings, once = _from_barrier(refiner, FAR_BARRIER), len(before.phases) <= MANY_PHASES
+    if once:
+        settings = _at_most(settings, USUAL_ITERATIONS)
     farther = replace(refiner, settings=settings, once=once)
     return finer(farther.finer(before, meshes), refiner)
 
@@ -272,20 +273,21 @@ def _finer(
     return replace(subject, solution=solution, **(fields | other))
 
 
-def _can_be_smoothed(search: MotionSearch, coarse: MotionAnswer) -> bool:
-    """Return True for a solved answer with jumps if a motion within limits is known."""
-    jumps = accelerations_jump(search.problem.family)
-    return jumps and coarse.solved and _within_limits(search, coarse) is not None
+def _within_limits(search: MotionSearch, answer: MotionAnswer) -> Motion | None:
+    """Return a motion within limits near a solved answer with jumps, or None.
 
-
-def _within_limits(search: MotionSearch, answer: MotionAnswer) -> Any:
-    """Return a coarse answer slowed down to keep limits, or the fallback motion, or None."""
+    It is the answer slowed down, or the fallback motion.
+    """
+    if not (answer.solved and accelerations_jump(search.problem.family)):
+        return None
     slowed = search.problem.slowed(answer.solution) if search.problem.is_free else None
     return slowed or getattr(search.problem.fallback, "motion", None)
 
 
 @timed_step
-def less_and_less_smoothing(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
+def less_and_less_smoothing(
+    search: MotionSearch, subject: MotionAnswer, within: Motion
+) -> MotionAnswer:
     """Solve on the full mesh from a motion within the limits, with decreasing smoothing.
 
     Homotopy in the weight of the squared jerk. For light or fast arms torques change between coarse
@@ -295,7 +297,7 @@ def less_and_less_smoothing(search: MotionSearch, subject: MotionAnswer) -> Moti
     refiner = _going_on(subject)
     limited = _at_most(refiner.settings, SMOOTHING_ITERATIONS)
     meshes = [full_mesh(search)] * len(search.problem.names)
-    start: Any = search.problem.guesses_along(_within_limits(search, subject))
+    start: Any = search.problem.guesses_along(within)
     last: Solution | None = None
     barrier: float | None = SMOOTHING_BARRIER
     for times in SMOOTHING_FACTORS:
@@ -315,8 +317,6 @@ def less_and_less_smoothing(search: MotionSearch, subject: MotionAnswer) -> Moti
         if search.over:
             break
     failed = solution if last is None else replace(last, status=Status.FAILED)
-    if last is not None:
-        search.problem.slowed(failed)  # stored: the result falls back to this motion
     return _finer(subject, SMOOTHED, Level.FULL, failed, refiner)
 
 

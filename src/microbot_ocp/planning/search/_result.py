@@ -265,51 +265,60 @@ def _further_remarks(best: Fastest) -> Iterator[str]:
 
 
 def _known_if_better(best: Fastest, motion: Motion) -> Motion:
-    """Return a known motion within the limits if the motion found exceeds them or is slower.
-
-    A solution slowed down by no more than the usual difference of two meshes counts as solved.
-    """
-    search, solution = best.search, best.answer.solution
-    problem = search.problem
+    """Return a known motion within the limits if the motion found exceeds them or is slower."""
+    problem, solution = best.search.problem, best.answer.solution
     fast_enough = motion.solved and not is_enough(problem, solution)
-    # After the deadline a free solution is not slowed down if a known motion exists.
-    if not fast_enough and not (problem.is_free and problem.way and deadline.over()):
-        problem.slowed(solution)
-    slower = [problem.way] if problem.way else []
-    for answer in (*best.state.answers, best.answer):
-        slowed = problem.slowed_before(answer.solution)
-        if slowed is not None:
-            origin = "the motion found" if answer.solution is solution else "a coarser motion"
-            slower.append(Slowed(slowed, f"{origin}, slowed down at limits"))
-    if not fast_enough and not slower and problem.fallback:
-        slower = [problem.fallback]
-    if not slower:
+    known = problem.way if fast_enough else _known(best)
+    if known is None:
         return motion
-    chosen = min(slower, key=lambda slowed: slowed.motion.duration)
     # Positive where the known motion is slower than the solution, which may exceed limits.
-    more = chosen.motion.duration / (solution.duration + problem.dwell_time) - 1.0
+    more = known.motion.duration / (solution.duration + problem.dwell_time) - 1.0
     if fast_enough and (best.calmer or more >= -WORSE):
         return motion
-    outcome = motion.outcome
-    # A search that was cut short is not called solved, however near its motion is.
-    is_whole = motion.status not in (Status.TIME_LIMIT, Status.INTERRUPTED)
-    if is_whole and solution.status.solved and abs(more) <= WORSE:
-        outcome = Outcome.of(Status.SOLVED)
-    elif motion.status in (Status.LIMITS_EXCEEDED, Status.SOLVED):
-        outcome = Outcome.of(deadline.status() if best.cut else Status.NOT_ACCEPTED)
-    elif motion.status is Status.INFEASIBLE:  # disproved by the known motion
-        outcome = Outcome.of(Status.FAILED, NONE_WITHIN)
-    outcome = replace(outcome, ledger=motion.outcome.ledger)
-    if not outcome.solved:
-        outcome = outcome.and_(returned(chosen.made_from))
-    how = f"returned is {chosen.made_from}"
+    how = f"returned is {known.made_from}"
     if solution.status.solved and more > 0.0:
         how = f"slowed down by {100 * more:.2g} % where it exceeded limits"
-    remark = one_remark(motion.remark, how)
-    provenance, excess = motion.provenance, largest_excess(problem.family, chosen.motion)
-    return replace(chosen.motion, provenance=provenance, remark=remark).ended(
-        outcome, made_from=chosen.made_from, excess=excess
+    outcome = _outcome_of_known(best, motion, abs(more) <= WORSE)
+    if not outcome.solved:
+        outcome = outcome.and_(returned(known.made_from))
+    remark, excess = one_remark(motion.remark, how), largest_excess(problem.family, known.motion)
+    return replace(known.motion, provenance=motion.provenance, remark=remark).ended(
+        outcome, made_from=known.made_from, excess=excess
     )
+
+
+def _known(best: Fastest) -> Slowed | None:
+    """Return the fastest known motion within the limits."""
+    problem, found = best.search.problem, best.answer
+    known = [problem.way] if problem.way else []
+    # After the deadline a free solution is not slowed down if a known motion exists.
+    if not (known and problem.is_free and deadline.over()):
+        answers = [found]
+        if not is_enough(problem, found.solution):
+            answers += [a for a in best.state.answers if a.start == found.start]
+        for answer in answers:
+            slowed = problem.slowed(answer.solution)
+            if slowed is not None:
+                origin = "the motion found" if answer is found else "a coarser motion"
+                known.append(Slowed(slowed, f"{origin}, slowed down at limits"))
+    return min(known, key=lambda way: way.motion.duration, default=problem.fallback)
+
+
+def _outcome_of_known(best: Fastest, motion: Motion, as_fast: bool) -> Outcome:
+    """Return the outcome of a known motion that replaces the motion found.
+
+    A solution slowed down by no more than the usual difference of two meshes counts as solved. A
+    search that was cut short is not called solved, however near its motion is.
+    """
+    outcome, status = motion.outcome, motion.status
+    cut_short = status in (Status.TIME_LIMIT, Status.INTERRUPTED)
+    if as_fast and best.answer.solved and not cut_short:
+        outcome = Outcome.of(Status.SOLVED)
+    elif status in (Status.LIMITS_EXCEEDED, Status.SOLVED):
+        outcome = Outcome.of(deadline.status() if best.cut else Status.NOT_ACCEPTED)
+    elif status is Status.INFEASIBLE:  # disproved by the known motion
+        outcome = Outcome.of(Status.FAILED, NONE_WITHIN)
+    return replace(outcome, ledger=motion.outcome.ledger)
 
 
 def _remark(problem: MotionProblem, start_count: int, optima: Sequence[float]) -> str:
