@@ -20,6 +20,7 @@ ROW_HEIGHT = 2.3  # height of a row of panels, inches
 SMALL_FONT = 7.5  # font size of notes in figures, points
 TINY_FONT = 6.8  # font size of the text of the printed page, points
 LINE_WIDTH = 1.6  # width of a curve, points
+THIN: dict[str, Any] = {"linewidth": 0.8}  # lines that divide, points
 # Largest number of joints with one column each and with names in tables; more joints have one row
 # each, or the busiest joint represents all.
 SIDE_BY_SIDE = 4

@@ -17,7 +17,6 @@ from microbot_ocp.views._scene import link_poses, reach
 from microbot_ocp.views._solids import Solid, Tube, capsule_solid, drawn_geometry, joint_solid
 from microbot_ocp.views._style import LINK_RADIUS, Color
 
-FILM_JOINT = 1.1  # size of joints and torque arcs in a film, relative to a recording
 # Edge of an obstacle's face in a film, relative to the reach: depth sorting needs small faces.
 LONGEST_EDGE = 0.07
 MOST_TRIANGLES = 12_000  # triangles of a robot's meshes in a film; larger meshes are simplified
@@ -47,7 +46,7 @@ class Camera:
 
     def __init__(self, eye: Eye) -> None:
         self.position, self.axes = eye.position, eye.axes
-        self.light = _unit(np.array([-0.6, 0.9, 0.8]) @ self.axes)
+        self.light = _unit(np.array([-1.0, 1.0, 1.0]) @ self.axes)
 
     def project(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return picture positions [...,2] and depths [...], m, of points [...,3], m."""
@@ -61,15 +60,11 @@ class Camera:
         normals = _unit(np.cross(c - a, d - b))  # cross product of the diagonals; triangles: c = d
         sight = _unit(self.position - faces.corners.mean(axis=1))
         seen = np.einsum("ni,ni->n", normals, sight) > 0.0
-        normals, sight = normals[seen], sight[seen]
-        bright = 0.45 + 0.55 * np.maximum(0.0, normals @ self.light)
-        half = np.einsum("ni,ni->n", normals, _unit(sight + self.light))
-        shine = 0.45 * np.maximum(0.0, half)[:, None] ** 24
-        colors = faces.colors[seen] * bright[:, None]
+        bright = 0.5 + 0.5 * np.maximum(0.0, normals[seen] @ self.light)
         # Painter's algorithm: draw far faces first.
         flat, depth = self.project(faces.corners[seen])
         order = np.argsort(-depth.mean(axis=1), kind="stable")
-        return flat[order], (colors + shine * (1.0 - colors))[order]
+        return flat[order], (faces.colors[seen] * bright[:, None])[order]
 
 
 def arm_faces(robot: Robot, q: FloatArray, link: Color, joint: Color) -> Faces:
@@ -99,7 +94,7 @@ def arm_bodies(
         if np.linalg.norm(end - start) > 1e-6 * size:
             bodies.append((frame, capsule_solid(Capsule(start, end, radius), link)))
     for frame, kind in enumerate(robot.chain.joint_types, start=1):
-        bodies.append((frame, joint_solid(kind, FILM_JOINT * radius, joint)))
+        bodies.append((frame, joint_solid(kind, radius, joint)))
     return [(frame, solid_faces(solid, edge)) for frame, solid in bodies]
 
 
@@ -114,7 +109,7 @@ def _geometry(shapes: tuple[Shape, ...]) -> tuple[tuple[int, Faces], ...]:
         pairs = zip(faces, solids, strict=True)
         if sum(len(f.corners) for (_, f), (_, s) in pairs if s.mesh) <= MOST_TRIANGLES:
             return tuple(faces)
-        cell = max(finest, 1.25 * cell)
+        cell = max(finest, 1.5 * cell)
 
 
 def solid_faces(solid: Solid, edge: float, cell: float = 0.0) -> Faces:
@@ -156,8 +151,7 @@ def _corners(kind: str, size: tuple[float, ...], edge: float) -> FloatArray:
         return _split(SQUARE * [size[0] / 2, size[1] / 2, 0.0], edge)
     radius, half = size[0], size[1] / 2 if len(size) > 1 else 0.0
     if kind == "cylinder":
-        bevel = 0.12 * min(radius, half)
-        below = [(0.0, -half), (radius - bevel, -half), (radius, bevel - half)]
+        below = [(0.0, -half), (radius, -half)]
     else:
         turns = np.linspace(-np.pi / 2, 0, 6)
         below = [(radius * np.cos(turn), radius * np.sin(turn) - half) for turn in turns]

@@ -15,14 +15,13 @@ from matplotlib.patches import Rectangle
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
-from microbot_ocp.limits import quantity_name
+from microbot_ocp.limits import AT_LIMIT, quantity_name
 from microbot_ocp.scene import HalfSpace
 from microbot_ocp.views._eye import grid_spacing
-from microbot_ocp.views._scene import link_origins, link_poses, reach, tool_places
+from microbot_ocp.views._scene import AXIS_MARGIN, link_origins, link_poses, reach, tool_places
 from microbot_ocp.views._solids import part_solids
-from microbot_ocp.views._style import LINK_RADIUS, THEMES, TORQUE_RING, Color
+from microbot_ocp.views._style import LINK_RADIUS, SMALL_FONT, THEMES, THIN, TORQUE_RING, Color
 from microbot_ocp.views.animation._faces import (
-    FILM_JOINT,
     LONGEST_EDGE,
     Camera,
     Faces,
@@ -35,7 +34,12 @@ from microbot_ocp.views.plots import halo, styled
 from microbot_ocp.views.recording import TIME, AnimatedArm, Recording, arcs, signed_share
 
 FILM_SIZE = (8.0, 4.5)  # width and height of a film, inches
-SPACE_CORNERS = np.array([[0.02, 0.105], [0.61, 0.86]])  # lower left and upper right in the frame
+MARGIN = 0.025  # of the frame
+TEXT_LINE = 0.05  # height of a line of text, relative to the frame
+PANELS = 0.7  # left edge of the panels in the frame
+# Lower left and upper right of the arms in the frame.
+SPACE_CORNERS = np.array([[MARGIN, 4 * MARGIN], [0.6, 1 - 6 * MARGIN]])
+GHOST: dict[str, Any] = {"alpha": 0.5}
 DASHED: Any = (0, (4, 3))
 
 
@@ -106,20 +110,20 @@ class Film:
         return _mixed(arm.look.style.color, "#ffffff", 0.8 if self.theme["paper"] < "#8" else 1.0)
 
     def _text(self, x: float, y: float, text: str = "", color: str = "ink", **style: Any) -> Any:
-        style = {"color": self.theme.get(color, color), "fontsize": 10.5, "va": "center", **style}
-        return self.figure.text(x, y, text, **style)
+        return self.figure.text(x, y, text, color=self.theme.get(color, color), **style)
 
     def _write(self, title: str) -> None:
-        text = self._text(0.025, 0.935, title, fontsize=13, fontweight="bold")
-        room = 0.65 * self.figure.bbox.width / text.get_window_extent().width  # beside the panels
-        text.set_fontsize(13 * min(1.0, room))
+        y = 1 - 3 * MARGIN
+        text = self._text(MARGIN, y, title, fontsize="x-large", fontweight="bold")
+        right = text.get_window_extent().transformed(self.figure.transFigure.inverted()).x1
+        text.set_fontsize(text.get_fontsize() * min(1.0, (PANELS - 2 * MARGIN) / right))
         self.clocks = []
-        for row, arm in enumerate(reversed(self.arms)):
-            y = 0.885 - 0.052 * row
-            self.figure.text(0.027, y, "●", color=self._color(arm), fontsize=11, va="center")
-            self.clocks.append((arm, self._text(0.052, y)))
-        self.gap_text = self._text(0.027, 0.885 - 0.052 * len(self.arms), color="faint")
-        self.saving = self._text(0.025, 0.02, fontsize=12, fontweight="bold", va="bottom")
+        for arm in reversed(self.arms):
+            y -= TEXT_LINE
+            self._text(MARGIN, y, "●", self._color(arm))
+            self.clocks.append((arm, self._text(2 * MARGIN, y)))
+        self.gap_text = self._text(MARGIN, y - TEXT_LINE, color="faint")
+        self.saving = self._text(MARGIN, MARGIN, fontsize="large", fontweight="bold")
 
     def _draw_space(self) -> None:
         """Draw fixed things, and create the artists of moving things."""
@@ -140,24 +144,24 @@ class Film:
             space.add_collection(collection)
             return collection
 
-        self.shadow = lines(1, colors=[theme["shadow"]], linewidths=[9.0], capstyle="round")
+        self.shadow = lines(1, colors=[theme["shadow"]], linewidths=[10], capstyle="round")
         self.bodies, self.trails, self.ways = [], [], []
         for place, arm in enumerate(self.arms):
-            body = PolyCollection([], zorder=3 + 2 * place, linewidths=0.4, antialiaseds=True)
+            body = PolyCollection([], zorder=3 + 2 * place, linewidths=0.5)
             self.bodies.append(space.add_collection(body))
-            style = {"alpha": 0.9 if arm.look.solid else 0.45, "zorder": 2 + 2 * place}
-            self.trails += space.plot([], [], color=self._color(arm), linewidth=1.8, **style)
+            style: dict[str, Any] = {"zorder": 2 + 2 * place} | ({} if arm.look.solid else GHOST)
+            self.trails += space.plot([], [], color=self._color(arm), **style)
             self.ways.append(self.camera.project(tool_places(self.robot, arm.q))[0])
         top = 4 + 2 * len(self.arms)
         self.rings = lines(top, linewidths=1.0, colors=[theme["faint"]])
         self.arcs = lines(top + 1, capstyle="round")
         self.gap = lines(top + 1, linewidths=2.0, colors=[theme["limit"]])
         # A dashed line through the joints shows an arm that obstacles hide.
-        spine = {"color": self._color(self.solid), "linewidth": 1.2, "linestyle": (0, (2, 2))}
+        spine = {"color": self._color(self.solid), "linestyle": (0, (2, 2))}
         (self.spine,) = space.plot([], [], alpha=0.5 if self.still else 0.0, zorder=top, **spine)
         places, _ = self.camera.project(np.reshape(self.recording.places, (-1, 3)))
-        marker = {"color": theme["paper"], "markeredgecolor": theme["ink"], "markersize": 5.5}
-        note = {"fontsize": 8.5, "color": theme["ink"], "textcoords": "offset points"}
+        marker: dict[str, Any] = {"color": theme["paper"], "markeredgecolor": theme["ink"]}
+        note: dict[str, Any] = {"color": theme["ink"], "textcoords": "offset points"}
         note["path_effects"] = halo(theme["paper"])  # legible on obstacles and parts
         for place, name in zip(places, self.recording.place_names, strict=True):
             space.plot(*place[:, None], "o", zorder=top + 2, **marker)
@@ -167,15 +171,15 @@ class Film:
         """Set the limits of the axes: the whole motion, and near surroundings."""
         points = np.vstack([link_origins(self.robot, arm.q).reshape(-1, 3) for arm in self.arms])
         flat, depth = self.camera.project(np.vstack([points, self.robot.base[None, :3, 3]]))
-        margin = (0.11 * reach(self.robot) / depth)[:, None]
+        margin = (0.1 * reach(self.robot) / depth)[:, None]
         low, high = (flat - margin).min(axis=0), (flat + margin).max(axis=0)
         corners = SPACE_CORNERS.copy()
-        if self.still:  # surroundings widen the view by up to 60 %, below the texts
+        if self.still:  # surroundings widen the view by up to a half, below the texts
             flat, more = self.camera.project(joined(self.still).corners)[0], high - low
             around = flat.reshape(-1, 2)
-            low = np.minimum(low, np.maximum(around.min(axis=0), low - 0.6 * more))
-            high = np.maximum(high, np.minimum(around.max(axis=0), high + 0.6 * more))
-            corners[1, 1] -= 0.14
+            low = np.minimum(low, np.maximum(around.min(axis=0), low - 0.5 * more))
+            high = np.maximum(high, np.minimum(around.max(axis=0), high + 0.5 * more))
+            corners[1, 1] -= 3 * TEXT_LINE
         frame = np.array(FILM_SIZE)
         scale = ((corners[1] - corners[0]) * frame / (high - low)).min()
         first = (low + high) / 2 - corners.mean(axis=0) * frame / scale
@@ -199,43 +203,42 @@ class Film:
             for a, b in ((across, along), (along, across))
         ]
         segments = list(self.camera.project(np.array(ends))[0])
-        style = {"colors": [self.theme["grid"]], "linewidths": 0.8, "zorder": 0.5}
+        style = {"colors": [self.theme["grid"]], "zorder": 0.5}
         space.add_collection(LineCollection(segments, **style))
 
     def _draw_panels(self) -> None:
         """Draw one panel per joint: torque (or velocity) over time as a share of its limit."""
         theme, quantity = self.theme, self._quantity()
         heading = f"{quantity_name(quantity)} within its limits (dashed)"
-        self._text(0.70, 0.945, heading, "faint", fontsize=9.5)
-        behind = Rectangle((0.69, 0.0), 0.31, 1.0, color=theme["paper"], linewidth=0, zorder=-0.5)
+        self._text(PANELS, 1 - 3 * MARGIN, heading, "faint")
+        place = (PANELS - MARGIN, 0.0)
+        behind = Rectangle(place, 1.0, 1.0, color=theme["paper"], linewidth=0, zorder=-0.5)
         self.figure.add_artist(behind)  # the floor ends beside the panels
         self.curves, self.cursors = [], []
-        places = {"left": 0.70, "right": 0.98, "top": 0.905, "bottom": 0.115, "hspace": 0.16}
+        places = {"left": PANELS, "right": 1 - MARGIN, "top": 1 - 4 * MARGIN, "bottom": 5 * MARGIN}
         count = min(self.robot.joint_count, 7)
         panels = self.figure.subplots(count, sharex=True, squeeze=False, gridspec_kw=places)[:, 0]
         for joint, panel in enumerate(panels):
             panel.set_facecolor("none")
             panel.grid(False)
             panel.spines[:].set_visible(False)
-            panel.axhline(0.0, color=theme["grid"], linewidth=0.8)
+            panel.axhline(0.0, color=theme["grid"], **THIN)
             for bound in (-1.0, 1.0):
-                panel.axhline(bound, color=theme["limit"], linewidth=0.9, linestyle=DASHED)
+                panel.axhline(bound, color=theme["limit"], linestyle=DASHED, **THIN)
             span = 1.0
             for arm in self.arms:
-                share, width = self._share(arm, joint, quantity), 2.0 if arm.look.solid else 1.3
-                line = {"color": self._color(arm), "alpha": 1.0 if arm.look.solid else 0.75}
-                (curve,) = panel.plot([], [], linewidth=width, **line)
+                share, style = self._share(arm, joint, quantity), {} if arm.look.solid else GHOST
+                (curve,) = panel.plot([], [], color=self._color(arm), **style)
                 self.curves.append((curve, arm.times[TIME], share))
                 span = max(span, float(np.abs(share).max()))
-            panel.set_ylim(-1.18 * span, 1.18 * span)
-            lines = _name_lines(self.robot.joint_names[joint])
-            panel.set_yticks([0.0], ["\n".join(lines)])
-            panel.tick_params(length=0, colors=theme["faint"], pad=4, labelsize=7.5)
-            size = 8.5 if len(lines) == 1 else 7.0
-            panel.tick_params(axis="y", labelcolor=theme["ink"], labelsize=size)
-            self.cursors.append(panel.axvline(0.0, color=theme["faint"], linewidth=0.8))
+            span *= 1 + AXIS_MARGIN
+            panel.set_ylim(-span, span)
+            panel.set_yticks([0.0], [_in_lines(self.robot.joint_names[joint])])
+            panel.tick_params(length=0, colors=theme["faint"], labelsize=SMALL_FONT)
+            panel.tick_params(axis="y", labelcolor=theme["ink"])
+            self.cursors.append(panel.axvline(0.0, color=theme["faint"], **THIN))
         panels[-1].set_xlim(0.0, self.duration)
-        panels[-1].set_xlabel("t [s]", fontsize=8, color=theme["faint"], labelpad=1)
+        panels[-1].set_xlabel("t [s]", fontsize="small", color=theme["faint"], labelpad=1)
 
     def _quantity(self) -> str:
         """Return "qd" without torques or if only a velocity limit is nearly met, or else "tau"."""
@@ -245,7 +248,7 @@ class Film:
         if history is None or not {"tau", "qd"} <= set(history.use):
             return "tau"
         torque, speed = (float(history.use[key].max()) for key in ("tau", "qd"))
-        return "qd" if torque < 0.9 <= speed else "tau"
+        return "qd" if torque < AT_LIMIT <= speed else "tau"
 
     def _share(self, arm: AnimatedArm, joint: int, quantity: str) -> FloatArray:
         """Return the use [N] of the limit of a joint, relative to its largest value without."""
@@ -256,7 +259,7 @@ class Film:
 
     def _move_arm(self, place: int, arm: AnimatedArm, t: float) -> None:
         """Show an arm; the solid arm is depth-sorted together with its surroundings."""
-        share = 1.0 if arm.look.solid else 0.34
+        share = 1.0 if arm.look.solid else GHOST["alpha"]
         link, joint = (
             _bytes(_mixed(color, self.theme["paper"], share))
             for color in (self._color(arm), self.theme["joint"])
@@ -289,7 +292,7 @@ class Film:
         """Show torque arcs around the joints of the solid arm, closed at the limit."""
         if "tau" not in self.solid.curves or not self.robot.has_dynamics:
             return
-        radius = FILM_JOINT * TORQUE_RING * LINK_RADIUS * reach(self.robot)
+        radius = TORQUE_RING * LINK_RADIUS * reach(self.robot)
         poses = link_poses(self.robot, _at(self.solid, t)[None])[0]
         rings, strips, colors, widths = [], [], [], []
         for joint, kind in enumerate(self.robot.joint_types):
@@ -302,10 +305,10 @@ class Film:
             (ring, strip), _ = self.camera.project(curves)
             rings.append(ring[:-3])
             strips.append(strip)
-            full = abs(share) >= 0.99
+            full = abs(share) >= AT_LIMIT
             color = _mixed(self.theme["high"], self.theme["low"], min(1.0, abs(share)))
             colors.append(to_rgb(self.theme["limit"]) if full else color)
-            widths.append(4.2 if full else 3.0)
+            widths.append(4 if full else 3)
         self.rings.set_segments(rings)
         self.arcs.set_segments(strips)
         self.arcs.set_colors(colors)
@@ -339,10 +342,10 @@ class Film:
         self.saving.set_text(saving if t >= end and reference > end else "")
 
 
-def _name_lines(name: str) -> list[str]:
-    """Split the name of a joint into lines of up to 11 characters, preferably at underscores."""
+def _in_lines(name: str) -> str:
+    """Return the name of a joint in lines of up to 11 characters, split at underscores."""
     words = name.replace("_", "_ ").rstrip()
-    return [line.replace("_ ", "_") for line in textwrap.wrap(words, 11)]
+    return "\n".join(line.replace("_ ", "_") for line in textwrap.wrap(words, 11))
 
 
 def _sample(arm: AnimatedArm, t: float) -> float:

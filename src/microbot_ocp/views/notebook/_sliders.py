@@ -52,11 +52,10 @@ class LivePlot:
         count = robot.joint_count
         self._panels: dict[tuple[str, int], tuple[Axes, Line2D, list[Line2D]]] = {}
         with styled():
-            size = (3.1 * count + 0.4, 0.9 * ROW_HEIGHT * len(QUANTITIES) + 0.8)
-            self.figure = Figure(figsize=size, dpi=SCREEN_DPI)
+            size = (3 * count, ROW_HEIGHT * len(QUANTITIES) + 1)
+            self.figure = Figure(figsize=size, dpi=SCREEN_DPI, layout="constrained")
             self._canvas = FigureCanvasAgg(self.figure)
             grid = self.figure.subplots(len(QUANTITIES), count, sharex=True, squeeze=False)
-            self.figure.subplots_adjust(0.24 / count, 0.16, 0.99, 0.94, 0.22, 0.12)
             for row, quantity in zip(grid, QUANTITIES, strict=True):
                 for joint, axes in enumerate(row):
                     values = getattr(reference, quantity)[:, joint]
@@ -74,13 +73,13 @@ class LivePlot:
             edge = {"facecolor": "white", "edgecolor": WARNING_COLOR, "pad": 8}
             words: dict[str, Any] = {"ha": "center", "va": "center", "color": WARNING_COLOR}
             words |= {"fontsize": 11, "bbox": edge}
-            self._message = self.figure.text(0.5, 0.55, "", **words, **moving)
+            self._message = self.figure.text(0.5, 0.5, "", **words, **moving)
             handles = [
                 Line2D([], [], **solid, label="as the sliders say"),
                 Line2D([], [], **GRAY, label="under the robot's own limits"),
                 Line2D([], [], **{**LIMIT_LINE, "label": "limit"}),
             ]
-            self.figure.legend(handles=handles, loc="lower center", ncols=3, frameon=False)
+            self.figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
             self._axes: Axes = grid[0, 0]
             self._keep(duration)
 
@@ -93,7 +92,7 @@ class LivePlot:
     def png(self, motion: Motion | None, limits: JointLimits, message: str = "") -> bytes:
         """Return the picture of a motion and its limits, or of a message without a motion."""
         if motion is not None and motion.duration > self._axes.get_xlim()[1]:
-            self._keep(1.25 * motion.duration)
+            self._keep(1.5 * motion.duration)
         self._canvas.restore_region(self._background)
         for (quantity, joint), (axes, curve, lines) in self._panels.items():
             for line, bound in zip(lines, limits.bounds(quantity), strict=True):

@@ -21,6 +21,7 @@ from microbot_ocp.simulation import Simulation, Tracking
 from microbot_ocp.views import _scene as scene
 from microbot_ocp.views._style import (
     BEYOND_LIMIT,
+    FIGURE_WIDTH,
     LIMIT_COLOR,
     LIMIT_LINE,
     LINE_WIDTH,
@@ -34,7 +35,7 @@ from microbot_ocp.views._style import (
 from microbot_ocp.views.plots._page import AxesGrid, Page, axes_page, halo, styled
 
 PASSED = "via point passed"
-OWN_LIMIT: dict[str, Any] = {"linestyle": ":", "linewidth": 1.2}  # limit of a single curve
+OWN_LIMIT: dict[str, Any] = {"linestyle": ":"}  # limit of a single curve
 CORNER: Any = {"xy": (1.0, 1.0), "xycoords": "axes fraction", "textcoords": "offset points"}
 PLAIN = ("q", "qd", "qdd", "tau", "error")  # quantities of every robot, also without limits
 
@@ -209,11 +210,6 @@ def curves(
             if bounds and quantity in bounds:
                 _cut(panel, bounds[quantity])
     _label_panels(page, robot, quantities, shown, symbols)
-    end = max((float(curve.t[-1]) for curve in curves if curve.t.size), default=1.0)
-    start = min((float(curve.t[0]) for curve in curves if curve.t.size), default=0.0)
-    margin = 0.015 * (end - start)
-    for panel in page.axes.flat:
-        panel.set_xlim(start - margin, end + margin)
     every = [*warnings, *(curve.warning for curve in curves)]
     page.legend(_handles(curves, via is not None, page), 4, every)
     return page.axes
@@ -243,9 +239,9 @@ def _page(axes: GivenAxes | None, rows: int, joints: int, title: str) -> Page:
     """Return axes [rows, joints], laid out with a column per joint, or a row if they are many."""
     (width, height), many = PAGE, joints > SIDE_BY_SIDE
     if many:
-        size = (max(width, 2.6 * rows), min(height, 1.45 * joints + 1.4))
+        size = (max(width, ROW_HEIGHT * rows), height)
     else:
-        size = (width if joints == 1 else height, min(9.6, ROW_HEIGHT * rows + 1.3))
+        size = (width if joints == 1 else height, min(FIGURE_WIDTH, ROW_HEIGHT * rows + 1))
     return axes_page(axes, rows, joints, size=size, title=title, transposed=many, sharex=True)
 
 
@@ -288,12 +284,12 @@ def draw_panel(
             columns.append(bound)
         if len(curve.passages):
             places = np.interp(curve.passages, curve.t, values * factor)
-            size, order = 5.0 if quantity == "q" else 3.5, 5 + line["zorder"] / 10
-            _mark(axes, curve.passages, places, line["color"], size, order, width=0.6)
+            _mark(axes, curve.passages, places, line["color"], 4, 5 + line["zorder"] / 10)
     if via is not None and quantity == "q":
         columns.append(via[1][:, joint])
         _mark(axes, via[0], via[1][:, joint] * factor, "black", 6, 6, label="_via point")
     values = np.concatenate(columns)
+    axes.margins(x=0.015)
     _draw_limits(axes, scene.near_limits(robot, limits, quantity, joint, values))
     if quantity == "tau":
         _draw_saturation(axes, curves, joint, limits, base)
@@ -301,10 +297,10 @@ def draw_panel(
 
 def _mark(
     axes: Axes, t: Any, values: FloatArray, color: str, size: float, order: float,
-    label: str = "_via", width: float = 1.0,
+    label: str = "_via",
 ) -> None:  # fmt: skip
-    edge = {"markeredgecolor": "white", "markeredgewidth": width}
-    axes.plot(t, values, "o", color=color, markersize=size, zorder=order, label=label, **edge)
+    look = {"color": color, "markersize": size, "markeredgecolor": "white", "zorder": order}
+    axes.plot(t, values, "o", label=label, **look)
 
 
 def _draw_saturation(
@@ -317,11 +313,11 @@ def _draw_saturation(
         color = line_of(curve, place, base)["color"]
         for bound in curve.torque_limits or ():
             if np.isfinite(bound[joint]) and bound[joint] not in common:
-                axes.axhline(bound[joint], color=color, zorder=2.5, label="_own limit", **OWN_LIMIT)
+                axes.axhline(bound[joint], color=color, zorder=2, label="_own limit", **OWN_LIMIT)
         for start, end in curve.saturated(joint):
             top, share = 1.0 - shaded.index(place) / len(shaded), 1.0 / len(shaded)
-            shade = {"color": color, "alpha": 0.2, "linewidth": 0, "label": "_saturated"}
-            axes.axvspan(start, end, top - share, top, zorder=1.5, **shade)
+            shade = BEYOND_LIMIT | {"facecolor": color, "label": "_saturated"}
+            axes.axvspan(start, end, top - share, top, zorder=2, **shade)
 
 
 def line_of(curve: Curve, place: int, base: bool = False) -> dict[str, Any]:
@@ -330,8 +326,8 @@ def line_of(curve: Curve, place: int, base: bool = False) -> dict[str, Any]:
     return {
         "color": curve.color or line["color"],
         "linestyle": curve.linestyle or line["linestyle"],
-        "linewidth": 3.0 if base and not place else LINE_WIDTH + 0.6 * curve.prominent,
-        "zorder": 3.0 + curve.prominent + 0.01 * place,
+        "linewidth": 3 if base and not place else LINE_WIDTH * (1 + curve.prominent / 2),
+        "zorder": 3 + curve.prominent + place / 100,
     }
 
 
@@ -372,11 +368,11 @@ def _label_panels(
             name = LimitFamily.of(robot)[quantity].name
         for panel, unit in zip(row, units, strict=True):
             repeated = page.is_new and not many and unit == units[0] and panel is not row[0]
-            size = {"fontsize": 8.5} if many else {}
-            panel.set_ylabel("" if repeated else f"{name} [{unit}]", **size)
+            size = "small" if many else "medium"
+            panel.set_ylabel("" if repeated else f"{name} [{unit}]", fontsize=size)
         for panel, joint in zip(row, joints, strict=True) if of_joints and not named else ():
             # The title stands left, because notes on far limits stand at the right.
-            left = {"loc": "left", "fontsize": 9.5, "pad": 12} if many else {"pad": 15}
+            left = {"loc": "left", "fontsize": "medium", "pad": 12} if many else {"pad": 15}
             panel.set_title(robot.joint_names[joint], fontweight="bold", **left)
         named = named or of_joints
     for panel in grid[:, -1] if many else grid[-1]:
@@ -405,7 +401,7 @@ def _handles(curves: Sequence[Curve], marked: bool, page: Page) -> list[Any]:
     patches = [patch for panel in page.axes.flat for patch in panel.patches]
     shades = {p.get_facecolor() for p in patches if p.get_label() == "_saturated"}
     if shades:
-        color = shades.pop() if len(shades) == 1 else ("0.4", 0.2)
+        color = shades.pop() if len(shades) == 1 else ("0.4", BEYOND_LIMIT["alpha"])
         whose = "" if len(curves) == 1 else ", of the curve of its colour"
         handles.append(Patch(facecolor=color, label=f"{scene.limit_text('torque', 0)}{whose}"))
     return handles

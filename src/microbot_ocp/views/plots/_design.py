@@ -31,7 +31,7 @@ def design(design: Design, axes: GivenAxes | None = None) -> AxesGrid:
     shown = [k for k, worth in enumerate(design.worth) if not worth.idle]
     two = len(shown) == 2
     count = 1 if two else len(shown)
-    size = (PAGE[0], 2.2 * ROW_HEIGHT if two else 1.5 * ROW_HEIGHT)
+    size = (PAGE[0], 2 * ROW_HEIGHT)
     page = axes_page(axes, 1, count, size=size, title="time over the free quantities")
     panels = page.axes.ravel().view(AxesGrid)
     looks = np.array([node.values[shown] for node in design.nodes])

@@ -30,6 +30,7 @@ from microbot_ocp.views._style import (
     LIMIT_LINE,
     ROW_HEIGHT,
     SMALL_FONT,
+    THIN,
     TINY_FONT,
     entry_title,
     failures,
@@ -42,9 +43,9 @@ LANE_HEIGHT = 0.24  # height of the lane of one joint, inches
 
 # Bars of the saturation chart: upper limits are plain, lower limits hatched; the bar of the torque
 # is the highest, the bar of the velocity thin.
-HEIGHTS = {"taud": 0.5, "qdd": 0.5, "qddd": 0.4, "qd": 0.26}
+HEIGHTS = {"taud": 0.5, "qdd": 0.5, "qddd": 0.5, "qd": 0.25}
 JUMP_LINE: dict[str, Any] = {"color": LIMIT_COLOR, "linestyle": ":", "linewidth": 2.0}
-SWITCH_LINE: dict[str, Any] = {"color": "0.55", "linewidth": 0.8}
+SWITCH_LINE: dict[str, Any] = {"color": "0.55", **THIN}
 
 
 @styled()
@@ -89,7 +90,7 @@ def limit_use(
         raise InputError("limits must bound something: this robot has none")
     for quantity in shown:
         checks.one_of("quantity with a limit", quantity, history.use)
-    size = (FIGURE_WIDTH, 0.9 * ROW_HEIGHT * len(shown) + 1.3)
+    size = (FIGURE_WIDTH, ROW_HEIGHT * len(shown) + 1)
     title = f"{robot.name}, {motion.label}: use of the limits"
     page = axes_page(axes, len(shown), 1, size=size, title=title, sharex=True)
     switches = sorted({t for s in history.spells("tau") for t in (s.start, s.end)})
@@ -133,7 +134,7 @@ def _draw_use(
     for joint, label in enumerate(member.labels):
         line = look(joint, joints=True)
         line["color"] = line["color"] if of_joints else "black"
-        axes.plot(history.t, drawn[:, joint], zorder=3 + 0.01 * joint, label=label, **line)
+        axes.plot(history.t, drawn[:, joint], zorder=3 + joint / 100, label=label, **line)
     if not of_joints and len(member.labels) > 1:
         axes.legend(loc="best", fontsize=SMALL_FONT)
     for time in switches:
@@ -203,7 +204,7 @@ def saturation(
     lane_of = {key: lane for lane, key in enumerate(titles, robot.joint_count)}
     names = [*robot.joint_names, *titles.values()]
     lanes = len(motions) * len(names)
-    size = (FIGURE_WIDTH, LANE_HEIGHT * (lanes + len(motions)) + 1.6)
+    size = (FIGURE_WIDTH, LANE_HEIGHT * (lanes + len(motions)) + 2)
     page = axes_page(axes, 1, 1, size=size, title=f"{robot.name}: quantities at their limits")
     panel: Axes = page.axes[0, 0]
     ticks, kinds = [], set()
@@ -212,22 +213,22 @@ def saturation(
     for place, (label, motion) in enumerate(motions.items()):
         first = place * (len(names) + 1)
         rows = range(first, first + len(names))
-        panel.barh(rows, motion.duration, height=0.86, color="0.93", zorder=1)
+        panel.barh(rows, motion.duration, color="0.93", zorder=1)
         ticks += rows
         for spell in limit_history(robot, motion, limits).every_spell():
             quantity, thin = spell.quantity, spell.quantity == "qd"
             lane = first + lane_of.get((quantity, spell.joint), spell.joint)
-            style = {"height": HEIGHTS.get(quantity, 0.78), "zorder": 3 if thin else 2}
+            style = {"height": HEIGHTS.get(quantity, 0.8), "zorder": 3 if thin else 2}
             style |= _face(family, quantity, spell.side)
             panel.barh(lane, spell.end - spell.start, left=spell.start, label="_spell", **style)
             kinds.add((quantity, 0 if thin else spell.side))
         panel.annotate(
-            f"{label}, {motion.duration:.3f} s", (0.0, first - 0.55), ha="left", va="bottom",
+            f"{label}, {motion.duration:.3f} s", (0.0, first - 0.5), ha="left", va="bottom",
             fontsize=font, fontweight="bold", annotation_clip=False,
         )  # fmt: skip
     panel.set_yticks(ticks, names * len(motions))
-    panel.set_ylim(lanes + len(motions) - 1.4, -1.35)
-    panel.set_xlim(0.0, 1.01 * longest)
+    panel.set_ylim(lanes + len(motions) - 1, -2)
+    panel.set_xlim(0.0, longest)
     panel.grid(axis="y", visible=False)
     panel.tick_params(axis="y", length=0, labelsize=font)
     panel.set_xlabel("t [s]")

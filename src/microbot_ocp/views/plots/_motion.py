@@ -10,17 +10,15 @@ import numpy as np
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.showing import GivenAxes
-from microbot_ocp.limits import limit_history
+from microbot_ocp.limits import AT_LIMIT, limit_history
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.simulation import Simulation, Tracking
 from microbot_ocp.tasks import Cell, Comparison, Entry
 from microbot_ocp.views import _palette as palette, _scene as scene
-from microbot_ocp.views._style import SMALL_FONT, entry_styles, entry_title, failures
+from microbot_ocp.views._style import BEYOND_LIMIT, SMALL_FONT, entry_styles, entry_title, failures
 from microbot_ocp.views.plots._curves import PASSED, Curve, curves
 from microbot_ocp.views.plots._page import AxesGrid, halo
-
-AT_LIMIT = 0.99  # use of a limit from which on its quantity has a row of panels
 
 
 def motion(
@@ -100,15 +98,15 @@ def cell(cell: Cell) -> AxesGrid:
     leaves = arrives + task.dwells
     for panel in page.flat:
         for start, end in zip(arrives, leaves, strict=True):
-            panel.axvspan(start, end, color="0.5", alpha=0.15, linewidth=0, label="_rest")
+            panel.axvspan(start, end, label="_rest", **BEYOND_LIMIT)
         for start, end, load in zip(leaves, arrives[1:], task.payloads, strict=False):
             if load.mass:
                 color = np.array(palette.PART[:3]) / 255
-                panel.axvspan(start, end, 0.0, 0.035, color=color, linewidth=0, label="_load")
+                panel.axvspan(start, end, 0.0, 0.04, color=color, linewidth=0, label="_load")
                 if panel is page.flat[0]:
                     note = {"fontsize": SMALL_FONT, "ha": "center", "va": "bottom"}
                     note |= {"transform": panel.get_xaxis_transform(), "path_effects": halo()}
-                    panel.text((start + end) / 2, 0.045, f"{load.mass:g} kg", **note)
+                    panel.text((start + end) / 2, 0.04, f"{load.mass:g} kg", **note)
     (legend,) = page.figure.legends
     for text in legend.get_texts():
         if text.get_text() == PASSED:

@@ -48,7 +48,7 @@ Drawn = Figure | Axes | np.ndarray | DrawnAxes
 
 def halo(color: str = "white") -> list[Any]:
     """Return path effects that keep text legible on curves."""
-    return [withStroke(linewidth=2.5, foreground=color)]
+    return [withStroke(linewidth=2, foreground=color)]
 
 
 @cache

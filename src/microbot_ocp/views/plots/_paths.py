@@ -18,10 +18,8 @@ from microbot_ocp.robot import Robot
 from microbot_ocp.tasks import Comparison
 from microbot_ocp.views import _scene as scene
 from microbot_ocp.views._style import (
-    FIGURE_WIDTH,
     LANDSCAPE,
     LINE_WIDTH,
-    ROW_HEIGHT,
     EntryStyle,
     entry_styles,
     failures,
@@ -92,7 +90,6 @@ def draw_paths(
         side.set(title="from the side", xlabel="x [m]")
     side.set_ylabel("z [m]")
     for flat in (above, side):
-        flat.margins(0.1)
         flat.set_aspect("equal", adjustable="datalim")
 
 
@@ -103,7 +100,7 @@ def _page(comparison: Comparison, axes: GivenAxes | None) -> Page:
             raise InputError("axes must begin with three-dimensional ones, projection='3d'")
         return page
     figure = new_page(LANDSCAPE, f"{comparison.robot.name}: tool paths")
-    grid = figure.add_gridspec(2, 2, width_ratios=(1.35, 1.0))
+    grid = figure.add_gridspec(2, 2, width_ratios=(4, 3))
     space = figure.add_subplot(grid[:, 0], axes_class=ShownAxes3D)
     above, side = (figure.add_subplot(grid[row, 1], axes_class=ShownAxes) for row in (0, 1))
     return Page(np.array([[space, above, side]]).view(AxesGrid), is_new=True)
@@ -122,7 +119,7 @@ def _path_line(style: EntryStyle) -> dict[str, Any]:
     return {
         "color": style.color,
         "linestyle": style.linestyle,
-        "linewidth": 3.4 if style.highlighted else LINE_WIDTH,
+        "linewidth": LINE_WIDTH * (1 + style.highlighted),
         "zorder": 2 if style.highlighted else 3,
     }
 
@@ -183,7 +180,7 @@ def _draw_in_space(axes: Any, comparison: Comparison) -> None:
         axes.text(*place, f"  {number}", path_effects=halo(), **NUMBER)
     lines = [line for line in axes.get_lines() if line.get_label() != "_via"]
     set_space(axes, np.concatenate([np.array(line.get_data_3d()).T for line in lines]))
-    axes.set_title("in space", y=1.04)
+    axes.set_title("in space")
     axes.xaxis.labelpad = axes.yaxis.labelpad = 8
     axes.view_init(elev=24, azim=azimuth(vias))
 
@@ -247,8 +244,8 @@ def arms(
     q = np.array([checks.array(f"pose {k!r}", v, shape, "rad") for k, v in poses.items()])
     drawn_arms = scene.link_origins(robot, q)
     point = None if target is None else checks.array("target", target, (3,), "m")
-    size, space = (FIGURE_WIDTH, 2.7 * ROW_HEIGHT), {"axes_class": ShownAxes3D}
-    page = axes_page(axes, 1, 1, size=size, title=title or robot.name, subplot_kw=space)
+    space = {"axes_class": ShownAxes3D}
+    page = axes_page(axes, 1, 1, size=LANDSCAPE, title=title or robot.name, subplot_kw=space)
     panel: Any = page.axes[0, 0]
     if not isinstance(panel, Axes3D):
         raise InputError("axes must be three-dimensional, projection='3d'")
@@ -258,7 +255,7 @@ def arms(
         if not alike[place, :place].any():  # an arm over a coincident one stays dashed
             line["linestyle"] = "solid"
         hidden = int(alike[place, place + 1 :].sum())  # number of coincident arms above
-        line |= {"linewidth": 2.5 + 4.0 * hidden, "markersize": 6.0 + 3.0 * hidden}
+        line |= {"linewidth": 2 + 4 * hidden, "markersize": 6 + 3 * hidden}
         panel.plot(*arm.T, marker="o", label=label, zorder=3 + place, **line)
     drawn = drawn_arms.reshape(-1, 3)
     if point is not None:

@@ -19,9 +19,8 @@ from microbot_ocp.robot import Robot
 from microbot_ocp.views._scene import limit_text
 from microbot_ocp.views._style import (
     BEYOND_LIMIT,
-    FIGURE_WIDTH,
+    LANDSCAPE,
     LINE_WIDTH,
-    ROW_HEIGHT,
     WARNING_COLOR,
     look,
 )
@@ -78,7 +77,7 @@ def phase_plane(
         plane = make_plane(robot, plane)
     duration = f", {plane.duration:.3f} s" if plane.feasible else ""
     title = title or f"{robot.name}: phase plane of the path{duration}"
-    page = axes_page(axes, 1, 1, size=(FIGURE_WIDTH, 2.7 * ROW_HEIGHT), title=title)
+    page = axes_page(axes, 1, 1, size=LANDSCAPE, title=title)
     panel: Axes = page.axes[0, 0]
     top = _top(plane)
     handles = _draw_bounds(panel, robot, plane, top)
@@ -90,7 +89,8 @@ def phase_plane(
     if not plane.feasible:
         panel.axvline(plane.blocked_at, color=WARNING_COLOR, linewidth=LINE_WIDTH)
         text = f"not solved: the end cannot be reached from s = {plane.blocked_at:.4g}"
-        corner: dict[str, Any] = {"xy": (0.02, 0.97), "xycoords": "axes fraction", "va": "top"}
+        corner: dict[str, Any] = {"xytext": (6, -6), "textcoords": "offset points", "va": "top"}
+        corner |= {"xy": (0, 1), "xycoords": "axes fraction"}
         panel.annotate(text, color=WARNING_COLOR, path_effects=halo(), **corner)
     page.legend(handles, 3)
     return panel
@@ -120,9 +120,9 @@ def _top(plane: PhasePlane) -> float:
     if not shown.size:
         return 1.0
     bounds = np.concatenate([plane.torque_bound[inner], plane.velocity_bound[inner]])
-    highest = 1.05 * float(np.max(bounds, where=np.isfinite(bounds), initial=0.0))
+    highest = float(np.max(bounds, where=np.isfinite(bounds), initial=0.0))
     peak = float(shown.max())
-    return min(max(1.35 * peak, highest), 2.0 * peak)
+    return min(max(1.5 * peak, highest), 2.0 * peak)
 
 
 def _draw_bounds(axes: Axes, robot: Robot, plane: PhasePlane, top: float) -> list[Any]:
@@ -135,7 +135,7 @@ def _draw_bounds(axes: Axes, robot: Robot, plane: PhasePlane, top: float) -> lis
     dashed: dict[str, Any] = {"color": "0.35", "label": whose, "linestyle": (0.0, (6.0, 2.0))}
     for bound, style in ((plane.torque_bound, black), (plane.velocity_bound, dashed)):
         if np.isfinite(bound).any():
-            handles += axes.plot(s, np.minimum(bound, far), linewidth=1.3, zorder=2, **style)
+            handles += axes.plot(s, np.minimum(bound, far), zorder=2, **style)
     _name_velocity_limits(axes, robot, plane, top)
     return handles
 
@@ -147,30 +147,30 @@ def _name_velocity_limits(axes: Axes, robot: Robot, plane: PhasePlane, top: floa
     above: Any = {"xytext": (0, 4), "textcoords": "offset points", "ha": "center", "va": "bottom"}
     for first, last in pairwise(edges):
         s, value = plane.s[first:last], plane.velocity_bound[first:last]
-        inside = np.flatnonzero(value < 0.97 * top)
+        inside = np.flatnonzero(value < top)
         other = joints[first] < 0  # a limit of the arm; the legend of the profile names it
         if other or inside.size < 2 or np.ptp(s[inside]) < least:
             continue
         middle = inside[inside.size // 2]
         place = (s[middle], value[middle])
-        style = {"fontsize": 8, "color": "0.35", "path_effects": halo(), "zorder": 5}
+        style = {"fontsize": "small", "color": "0.35", "path_effects": halo(), "zorder": 5}
         axes.annotate(robot.joint_names[joints[first]], place, **above, **style)
 
 
 def _draw_profile(axes: Axes, robot: Robot, plane: PhasePlane) -> list[Any]:
     handles: dict[str, Any] = {}
     for arc in plane.arcs:
-        line = {**limit_look(arc.limit), "linewidth": 2.8}
+        line = {**limit_look(arc.limit), "linewidth": 2 * LINE_WIDTH}
         # At a stop s has two samples: take the one on the side of this arc.
         first = int(np.searchsorted(plane.s, arc.start, side="right")) - 1
         last = int(np.searchsorted(plane.s, arc.end, side="left")) + 1
         s, speed = plane.s[first:last], plane.speed[first:last]
-        axes.plot(s, speed, color="white", linewidth=4.5, zorder=3)
+        axes.plot(s, speed, color="white", linewidth=3 * LINE_WIDTH, zorder=3)
         axes.plot(s, speed, **line, zorder=4, solid_capstyle="butt")
         name = limit_name(robot, arc.limit)
         handles.setdefault(name, Line2D([], [], label=name, **line))
     if plane.switches.size:
-        mark = {"markersize": 6, "markeredgecolor": "white", "markeredgewidth": 0.8, "zorder": 6}
+        mark = {"markersize": 6, "markeredgecolor": "white", "zorder": 6}
         places = plane.switches, plane.switch_speeds
         (handles["switch"],) = axes.plot(*places, "D", color="black", label="switch", **mark)
     return list(handles.values())

@@ -25,6 +25,7 @@ from microbot_ocp.views._style import (
     LINE_WIDTH,
     PAGE,
     SIDE_BY_SIDE,
+    THIN,
     TINY_FONT,
     WARNING_COLOR,
     entry_styles,
@@ -145,7 +146,7 @@ def _draw_table(axes: Axes, comparison: Comparison, text: str) -> None:
         zip(rows, comparison.entries, entry_styles(comparison).values(), strict=True), start=1
     ):
         height = 1.0 - (place + 0.5) * step
-        axes.axhline(1.0 - place * step, color="0.8", linewidth=0.6)
+        axes.axhline(1.0 - place * step, color="0.8", **THIN)
         color = "black" if entry.motion else WARNING_COLOR
         axes.text(0.05, height, row, color=color, **style)
         if entry.motion is not None:
@@ -158,17 +159,14 @@ def _draw_curves(place: Any, comparison: Comparison, chosen: list[str]) -> None:
     joints = _busiest(comparison, chosen)
     shown = entry_curves(comparison, chosen, quantities)
     panels = place.subgridspec(2, len(joints), wspace=0.08).subplots(sharex=True, squeeze=False)
-    end = max((curve.t[-1] for curve in shown), default=1.0)
     for row, quantity in zip(panels, quantities, strict=True):
         for panel, joint in zip(row, joints, strict=True):
             draw_panel(panel, robot, shown, quantity, joint, comparison.limits)
-            panel.set_xlim(-0.015 * end, 1.015 * end)
         units = {scene.display_unit(robot, quantity, j) for j in joints}
         name, unit = quantity_name(quantity), f" [{units.pop()}]" if len(units) == 1 else ""
         row[0].set_ylabel(f"{name}{unit}")
     for panel, joint in zip(panels[0], joints, strict=True):
-        pad = 13.0 if panel.texts else 6.0  # room for the note on a far limit
-        panel.set_title(robot.joint_names[joint], loc="left", fontweight="bold", pad=pad)
+        panel.set_title(robot.joint_names[joint], loc="left", fontweight="bold", pad=12)
     for panel in panels[1]:
         panel.set_xlabel("t [s]")
     if len(joints) < robot.joint_count:

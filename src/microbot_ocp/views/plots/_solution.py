@@ -12,7 +12,7 @@ from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.ocp.solution import Solution
 from microbot_ocp.views._scene import is_near
-from microbot_ocp.views._style import LANDSCAPE, LIMIT_LINE, ROW_HEIGHT, look
+from microbot_ocp.views._style import LANDSCAPE, LIMIT_LINE, ROW_HEIGHT, THIN, look
 from microbot_ocp.views._variables import BoundedCurve, Key, dense_times, variable_curves
 from microbot_ocp.views.plots._page import AxesGrid, axes_page, styled
 
@@ -57,7 +57,7 @@ def solution(
     chosen = [checks.one_of("name", name, units) for name in names or units]
     columns = min(3, len(chosen)) if axes is None else len(chosen)
     rows = -(-len(chosen) // columns)
-    size = (LANDSCAPE[0], ROW_HEIGHT * rows + 0.9)
+    size = (LANDSCAPE[0], ROW_HEIGHT * rows + 1)
     page = axes_page(axes, rows, columns, size=size, title=title, sharex=True)
     panels = page.axes.ravel()[: len(chosen)].view(AxesGrid)
     for empty in page.axes.ravel()[len(chosen) :]:
@@ -66,7 +66,7 @@ def solution(
         _draw(panel, every, name)
         panel.set_title(name, fontweight="bold")
         panel.set_ylabel(f"[{units[name]}]" if units[name] else "")
-        panel.margins(x=0.01)
+        panel.margins(x=0)
     for panel in panels[-min(3, columns) :]:
         panel.set_xlabel("t [s]")
         panel.tick_params(labelbottom=True)
@@ -96,4 +96,4 @@ def _draw(panel: Axes, every: Sequence[Mapping[Key, Sequence[BoundedCurve]]], na
             if is_near(bound, low, high):
                 panel.plot(curve.t[[0, -1]], [bound] * 2, zorder=2, **LIMIT_LINE)
     for begin in sorted({curve.t[0] for place, curve in shown if place == 0})[1:]:
-        panel.axvline(begin, color="0.8", linewidth=0.8, zorder=1)
+        panel.axvline(begin, color="0.8", zorder=1, **THIN)

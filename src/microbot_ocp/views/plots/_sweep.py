@@ -15,6 +15,7 @@ from microbot_ocp._base.status import Status
 from microbot_ocp.sweeps import Sweep
 from microbot_ocp.views._scene import limit_title
 from microbot_ocp.views._style import (
+    BEYOND_LIMIT,
     FIGURE_WIDTH,
     ROW_HEIGHT,
     SMALL_FONT,
@@ -91,7 +92,7 @@ def _atlas(results: Sweep, axes: GivenAxes | None, method: str) -> Any:
     low, top = min(0.0, ends[0]), max(0.0, ends[1])  # the saving may be negative
     drawn = _hexagons(panels, saved, np.median, cmap="viridis", vmin=low, vmax=top)
     if drawn is not None:
-        bar = page.axes.figure.colorbar(drawn, ax=list(page.axes[0]), shrink=0.85)
+        bar = page.axes.figure.colorbar(drawn, ax=list(page.axes[0]))
         bar.set_label("median of the time saved [%]")
     return page.axes
 
@@ -107,7 +108,7 @@ def _hexagons(panels: Any, values: FloatArray, reduced: Any, **colors: Any) -> A
             shape = np.ptp(up[finite]) / (np.ptp(across[finite]) or 1.0)
             drawn = panel.hexbin(
                 across[finite], up[finite], values[finite], reduce_C_function=reduced,
-                gridsize=(cells, max(4, round(cells * shape / np.sqrt(3)))), linewidths=0.2,
+                gridsize=(cells, max(4, round(cells * shape / np.sqrt(3)))), linewidths=0,
                 **colors,
             )  # fmt: skip
     return drawn
@@ -145,7 +146,7 @@ def _trends(results: Sweep, axes: GivenAxes | None, method: str) -> Any:
         for end in ("start", "goal")
     )
     values["largest joint step [rad]"] = np.abs(goal - start).max(axis=0)
-    size, title = (1.2 + 3.4 * len(values), 3.8), "Time saved: median and quartiles"
+    size, title = (1 + 3 * len(values), 4), "Time saved: median and quartiles"
     page = axes_page(axes, 1, len(values), size=size, title=title, sharey=True)
     others = [method, *(m for m in results.methods if m not in (method, results.best))]
     for panel, (name, across) in zip(page.axes[0], values.items(), strict=True):
@@ -153,7 +154,7 @@ def _trends(results: Sweep, axes: GivenAxes | None, method: str) -> Any:
         for place, other in enumerate(others):
             line, label = look(place), f"against: {method_title(other)}"
             middle, low, half, high = _binned(across, 100 * results.savings(other))
-            panel.fill_between(middle, low, high, color=line["color"], alpha=0.15, linewidth=0)
+            panel.fill_between(middle, low, high, **BEYOND_LIMIT | {"facecolor": line["color"]})
             panel.plot(middle, half, marker="o", markersize=3, label=label, **line)
     page.axes[0, 0].set_ylabel("time saved [%]")
     page.legend(page.axes[0, 0].get_lines(), 3)
@@ -163,17 +164,17 @@ def _trends(results: Sweep, axes: GivenAxes | None, method: str) -> Any:
 def _failures(results: Sweep, axes: GivenAxes | None, _: str | None) -> Any:
     """Draw a bar for each of the ten most frequent failures."""
     failures = results.summary().failures[:10]
-    size = (FIGURE_WIDTH, 1.4 + 0.42 * max(len(failures), 1))
+    size = (FIGURE_WIDTH, 2 + len(failures) / 2)
     page = axes_page(axes, 1, 1, size=size, title="Not solved")
     panel, places = page.axes[0, 0], np.arange(len(failures))[::-1]
     counts = [failure.count for failure in failures]
-    bars = panel.barh(places, counts, color=WARNING_COLOR, alpha=0.7, height=0.6)
+    bars = panel.barh(places, counts, color=WARNING_COLOR)
     panel.bar_label(bars, [f" {count:,}" for count in counts])
     labels = [f"{f.status}: {checks.shortened(f.reason, 80)}\n(case {f.case})" for f in failures]
     panel.set_yticks(places, labels, fontsize=SMALL_FONT)
     panel.set_xlabel("cases")
     panel.grid(axis="y", visible=False)
-    panel.margins(x=0.12)
+    panel.margins(x=0.1)
     if not failures:
         panel.text(0.5, 0.5, "every case is solved", transform=panel.transAxes, ha="center")
     return page.axes
