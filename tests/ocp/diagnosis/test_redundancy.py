@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from helpers import refused, sampled, tells
-from microbot_ocp.ocp import OptimalControlProblem, solve, verify
+from microbot_ocp.ocp import OptimalControlProblem, Transcription, solve, verify
+from microbot_ocp.ocp.diagnosis import _redundancy
 
 
 def bounce(**start):
@@ -107,3 +108,12 @@ AGAINST = {
 def test_a_contradiction_is_named_before_a_solver_starts(kind, no_solver):
     with refused("phase 'a'", "contradicts"):
         solve(mover(AGAINST[kind]), 8)
+
+
+def test_only_gradients_by_variables_of_the_equations_are_compared():
+    """Two hundred intervals have thousands of variables; links and ends contain a few of them."""
+    program = Transcription(bounce()).program(200)
+    rows = _redundancy._equations(program)
+    _, slopes = _redundancy._values(program, np.full(program.variable_lower.size, 0.3), rows)
+    assert slopes.shape[0] == rows.size
+    assert slopes.shape[1] <= 2 * rows.size

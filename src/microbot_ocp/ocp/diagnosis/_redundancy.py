@@ -78,13 +78,18 @@ def _named(program: Program, row: int) -> str:
 
 
 def _values(program: Program, x: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return residuals of equations [m], and gradients [m, n] by variables that are not fixed."""
+    """Return residuals of equations [m], and gradients [m, n] by the free variables in them."""
     g, jacobian = program.functions["jacobian"](x, program.parameters)
-    slopes = np.array(jacobian[rows.tolist(), :])
+    present = jacobian[rows.tolist(), :]
+    places, columns = map(np.array, present.sparsity().get_triplet())
+    shared = np.arange(x.size)
     for first, others in _constant(program):
-        slopes[:, first] += slopes[:, others].sum(axis=1)
-        slopes[:, others] = 0.0
-    slopes[:, program.variable_lower == program.variable_upper] = 0.0
+        shared[others] = first
+    columns = shared[columns.astype(int)]
+    free = (program.variable_lower < program.variable_upper)[columns]
+    used, columns = np.unique(columns[free], return_inverse=True)
+    slopes = np.zeros((rows.size, used.size))
+    np.add.at(slopes, (places.astype(int)[free], columns), np.array(present.nonzeros())[free])
     return np.array(g).ravel()[rows] - program.row_lower[rows], slopes
 
 
@@ -101,13 +106,15 @@ def _constant(program: Program) -> Iterator[tuple[int, IntArray]]:
 
 def _dependent(slopes: FloatArray) -> dict[int, FloatArray]:
     """Return rows [m, n] that are linear combinations of earlier rows, with their weights [m]."""
-    basis, kept, weights = np.zeros((0, slopes.shape[1])), [], {}
+    basis, kept, weights = np.zeros_like(slopes), [], {}
     for k, row in enumerate(slopes):
         # Gram-Schmidt: a row without rest depends on the rows before it.
-        rest = row - basis.T @ (basis @ row)
+        known = basis[: len(kept)]
+        rest = row - known.T @ (known @ row)
         size = np.linalg.norm(rest)
         if size > RANK * max(1.0, float(np.linalg.norm(row))):
-            basis, kept = np.vstack([basis, rest / size]), [*kept, k]
+            basis[len(kept)] = rest / size
+            kept.append(k)
             continue
         weights[k] = np.zeros(len(slopes))
         if kept:

@@ -169,8 +169,8 @@ def _answers(
 ) -> Iterator[tuple[Solution, bool]]:
     """Yield answers from the guess on other meshes, simulations, and curves if many are wanted.
 
-    The second value is True for a simulation. Simulations and curves alternate; the kind that leads
-    to optima more often is used more often.
+    The second value is False while simulations are still to come. Simulations and curves alternate;
+    the kind that leads to optima more often is used more often.
     """
     problem = coarse.context.transcription.problem
     simulated = _solved(coarse, islice(_starts(coarse, most, here), most))
@@ -197,11 +197,11 @@ def _answers(
             continue
         solved[kind] += answer.solved
         tried[kind] += 1
-        yield answer, kind
+        yield answer, kind or True not in kinds
 
 
 ENOUGH_AGREE = 8  # starts with the least cost after which the comparison ends
-# Simulations before the comparison may end: random curves stay near the solution.
+# Simulations before the comparison may end, if there are as many: curves stay near the solution.
 LEAST_SIMULATIONS = 5
 # Total iterations after which the comparison ends in any case.
 ENOUGH = 500  # if all starts so far lead to one cost
