@@ -34,7 +34,7 @@ from microbot_ocp.views.plots import halo, styled
 from microbot_ocp.views.recording import TIME, AnimatedArm, Recording, arcs, signed_share
 
 FILM_SIZE = (8.0, 4.5)  # width and height of a film, inches
-MARGIN = 0.025  # of the frame
+MARGIN = 0.025  # relative to the size of the frame
 TEXT_LINE = 0.05  # height of a line of text, relative to the frame
 PANELS = 0.7  # left edge of the panels in the frame
 # Lower left and upper right of the arms in the frame.
