@@ -94,14 +94,13 @@ def too_often(text: str) -> bool:
     return words.count("what") > max(1, len(words) / 1000)
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_prose_is_sentences(path: Path) -> None:
-    assert list(faults(path.read_text())) == []
-
-
-@pytest.mark.parametrize("folder", sorted({path.parent for path in MODULES}), ids=lambda f: f.name)
-def test_prose_names_its_nouns(folder: Path) -> None:
-    texts = [path.read_text() for path in MODULES if path.parent == folder]
+@pytest.mark.parametrize(
+    "folder", sorted({path.parent for path in MODULES}), ids=lambda f: str(f.relative_to(ROOT))
+)
+def test_prose_is_sentences_and_names_its_nouns(folder: Path) -> None:
+    modules = {path.name: path.read_text() for path in MODULES if path.parent == folder}
+    texts = modules.values()
+    assert [f"{name}:{fault}" for name, text in modules.items() for fault in faults(text)] == []
     prose = [docstring for text in texts for _, docstring in docstrings(text)]
     prose += [token.string for text in texts for token in comment_tokens(text)]
     assert not too_often("\n".join(prose))

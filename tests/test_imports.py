@@ -108,8 +108,9 @@ def walk(node: ast.AST, when: str = "load") -> Iterator[tuple[ast.AST, str]]:
             inner = "typing"
         elif when == "load" and isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef):
             inner = "call"
-        yield child, inner
-        yield from walk(child, inner)
+        if not isinstance(child, ast.expr):  # no expression imports
+            yield child, inner
+            yield from walk(child, inner)
 
 
 def names(node: ast.AST, package: list[str]) -> list[str]:
@@ -361,7 +362,7 @@ def taken_from_behind(text: str) -> list[str]:
     public = public_homes()
     return [
         f"{node.module}.{alias.name}"
-        for node in ast.walk(ast.parse(text))
+        for node, _ in walk(ast.parse(text))
         if isinstance(node, ast.ImportFrom)
         for alias in node.names
         if (node.module, alias.name) in public

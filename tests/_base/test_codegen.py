@@ -57,9 +57,9 @@ def forbid_compiling(monkeypatch: pytest.MonkeyPatch) -> None:
     ("make", "arguments"),
     [
         (mo.forward_kinematics, 1),
-        (mo.jacobian, 1),
-        (mo.mass_matrix, 1),
-        (mo.bias_torque, 2),
+        pytest.param(mo.jacobian, 1, marks=pytest.mark.thorough),
+        pytest.param(mo.mass_matrix, 1, marks=pytest.mark.thorough),
+        pytest.param(mo.bias_torque, 2, marks=pytest.mark.thorough),
         (mo.inverse_dynamics, 3),
     ],
 )

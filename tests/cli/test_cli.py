@@ -774,7 +774,8 @@ def test_a_terminal_has_colours_unless_no_color_is_set(tmp_path, no_color):
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 @pytest.mark.parametrize(
-    ("number", "expected"), [("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129)]
+    ("number", "expected"),
+    [("SIGINT", 130), ("SIGTERM", 143), pytest.param("SIGHUP", 129, marks=pytest.mark.thorough)],
 )
 def test_a_signal_ends_a_solve_within_a_second(tmp_path, number, expected):
     if signal.getsignal(getattr(signal, number)) is signal.SIG_IGN:

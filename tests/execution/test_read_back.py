@@ -51,7 +51,7 @@ def the_same(rows: object, motion: mo.Motion) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(
     st.lists(NAME, min_size=2, max_size=4, unique=True), st.sampled_from(["revolute", "prismatic"])
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from functools import cache
 
 import pytest
 from benchmarks.suite import runner
@@ -11,11 +12,17 @@ from benchmarks.suite.problem import SuiteProblem
 from benchmarks.suite.table import BY_NAME, PROBLEMS
 
 from helpers import tells
-from microbot_ocp.ocp import Phase
+from microbot_ocp.ocp import OptimalControlProblem, Phase
 
 pytestmark = pytest.mark.slow
 
 each = pytest.mark.parametrize("problem", PROBLEMS, ids=lambda p: p.name)
+
+
+@cache
+def built(name: str) -> OptimalControlProblem:
+    """Build a problem of the suite once for all that is asked of its declaration."""
+    return BY_NAME[name].build()
 
 
 def test_there_are_enough_problems_and_no_name_twice():
@@ -25,7 +32,7 @@ def test_there_are_enough_problems_and_no_name_twice():
 
 @each
 def test_the_declaration_is_complete(problem: SuiteProblem):
-    problem.build().check()
+    built(problem.name).check()
     assert problem.build.__doc__
     assert problem.source
     assert problem.confirmed
@@ -34,11 +41,11 @@ def test_the_declaration_is_complete(problem: SuiteProblem):
 @each
 def test_nothing_is_tuned(problem: SuiteProblem):
     """No scales and no shapes of controls: what a user declares at first."""
-    built = problem.build()
-    for phase in built.phases:
+    declared = built(problem.name)
+    for phase in declared.phases:
         assert not any(v.scaled for v in phase.variables)
         # what goes on from another phase has to be continuous
-        linked = {name for link in built.links for name in link.names}
+        linked = {name for link in declared.links for name in link.names}
         assert all(c.shape == "auto" or c.name in linked for c in phase.controls)
         assert not any(c.scaled for c in [*phase.constraints, *phase.end_constraints])
         assert phase.duration_scale is None
@@ -52,7 +59,7 @@ def variables_of(phase: Phase) -> set[str]:
 def test_the_guess_speaks_of_the_problem(problem: SuiteProblem):
     assert problem.guess is not None
     guesses = problem.guess()
-    phases = {phase.name: phase for phase in problem.build().phases}
+    phases = {phase.name: phase for phase in built(problem.name).phases}
     assert guesses.keys() == phases.keys()
     for name, guess in guesses.items():
         assert guess.values.keys() <= variables_of(phases[name])

@@ -1,6 +1,6 @@
 """Every URDF file of three packages is read, its chains as pinocchio has them.
 
-A chain of every third file; thorough tests take five, evenly spread, of all of them, and
+A chain of every fifth file; thorough tests take five, evenly spread, of all of them, and
 ``urdf_packages.py`` compares every one.
 """
 
@@ -26,7 +26,7 @@ if not FILES:
 
 @pytest.mark.filterwarnings("ignore::microbot_ocp.robot.RobotFileWarning")
 @pytest.mark.parametrize("most", [1, pytest.param(5, marks=pytest.mark.thorough)])
-@pytest.mark.parametrize("file", sampled(MOVING, 3), ids=lambda f: f.label)
+@pytest.mark.parametrize("file", sampled(MOVING, 5), ids=lambda f: f.label)
 def test_a_chain_is_the_one_of_pinocchio(file: File, most: int) -> None:
     done = list(chains(file, most))
     assert done
@@ -45,7 +45,7 @@ def test_what_has_no_moving_joint_is_refused_for_that(file: File) -> None:
 
 
 @pytest.mark.filterwarnings("ignore::microbot_ocp.robot.RobotFileWarning")
-@pytest.mark.parametrize("file", sampled(MOVING, 3), ids=lambda f: f.label)
+@pytest.mark.parametrize("file", sampled(MOVING, 5), ids=lambda f: f.label)
 def test_without_tip_a_file_is_one_arm_or_its_tips_are_listed(file: File) -> None:
     refusal = ""
     try:
@@ -61,7 +61,7 @@ def test_without_tip_a_file_is_one_arm_or_its_tips_are_listed(file: File) -> Non
 
 
 @pytest.mark.filterwarnings("ignore::microbot_ocp.robot.RobotFileWarning")
-@pytest.mark.parametrize("file", sampled(MOVING, 3), ids=lambda f: f.label)
+@pytest.mark.parametrize("file", sampled(MOVING, 5), ids=lambda f: f.label)
 def test_no_limit_of_a_file_leaves_no_room(file: File) -> None:
     limits = mo.robot.load_urdf(file.path, file.tips[0]).limits
     assert all((limits.bounds(key)[1] > 0).all() for key in ("qd", "qdd", "tau"))

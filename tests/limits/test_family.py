@@ -277,7 +277,7 @@ def test_paths_are_timed_under_it(kind):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", sampled(FURTHER, 3))
+@pytest.mark.parametrize("kind", sampled(FURTHER, 5))
 def test_shapes_are_scaled_to_it(kind):
     robot = MICROBOT.with_limits(**FURTHER[kind]).with_limits(tau_max=1e4, qd_max=100.0)
     found = mo.shortest_duration(robot, mo.quintic(VIA_Q, [0.0, 1.0, 2.0]))

@@ -126,7 +126,9 @@ def test_what_is_no_file_of_the_kind(tmp_path: Path, name: str, kind: str) -> No
         refused(read, path)
 
 
-@pytest.mark.parametrize("name", ["ma57", "pardiso", "nonsense", 3])
+@pytest.mark.parametrize(
+    "name", ["ma57", pytest.param("pardiso", marks=pytest.mark.thorough), "nonsense", 3]
+)
 def test_a_linear_solver_that_is_not_there(name: object, capfd: pytest.CaptureFixture[str]) -> None:
     options = {"ipopt": {"linear_solver": name}}
     line = refused(lambda: SolverSettings(options=options))

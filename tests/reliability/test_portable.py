@@ -36,7 +36,7 @@ import time
 import microbot_ocp as mo
 robot = mo.load_robot("microbot")
 via = np.radians([[0, 0, 0], [20, 60, -30], [-60, 30, 80]])
-motion = mo.time_optimal(robot, via, time_limit=60.0)
+motion = mo.time_optimal(robot, via, mesh=20, starts=1, time_limit=60.0)
 motion.save("motion.npz")
 print(mo.Motion.load("motion.npz").duration == motion.duration, mo.certify(robot, motion).ok)
 begin = time.monotonic()
@@ -110,7 +110,7 @@ def test_bad_input_is_refused(tmp_path):
 @pytest.mark.slow
 def test_ctrl_c_ends_the_program(tmp_path):
     process = start(tmp_path, "-m", "microbot_ocp", "demo", "--out", "demo")
-    time.sleep(5.0)
+    time.sleep(2.5)
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=60)
     assert process.returncode == 128 + signal.SIGINT

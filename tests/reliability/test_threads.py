@@ -267,7 +267,9 @@ def from_threads(call: Callable[[int], Any], calls: int = CALLS, different: int 
 
 
 LONGER = ("certify", "shortest_duration", "TimeOptimalSolver")
-MARKS = dict.fromkeys(LONGER, pytest.mark.thorough)
+# By the same code as a case beside it.
+ALIKE = ("solve_ik, out of reach", "follow_ik", "phase_plane")
+MARKS = dict.fromkeys([*LONGER, *ALIKE], pytest.mark.thorough)
 MARKS["clearance"] = pytest.mark.skipif(find_spec("coal") is None, reason="no coal")
 
 

@@ -65,7 +65,13 @@ def _compiled():
     mo.inverse_kinematics.solve_ik_batch(ROBOT, MANY[:3])
 
 
-@pytest.mark.parametrize("name", CALLS)
+LONGER = ("compare", "time_path", "solve_ik_each", "best_split")  # as others, by other loops
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=pytest.mark.thorough if n in LONGER else ()) for n in CALLS],
+)
 def test_the_limit_is_kept(name):
     begin = time.perf_counter()
     status = CALLS[name](LIMITS.get(name, 0.05))

@@ -143,13 +143,14 @@ print(t.digest(t.limited(2.0), methods, payload=t.mo.OneOf(t.LONG), gravity=[0, 
 
 @pytest.mark.slow
 def test_every_process_finds_the_same_digest() -> None:
+    tags = {"tags": {"a", "b", "c"}}
+    methods = {"own": own, "made": with_duration(2.0), "held": with_duration(tags)}
+    here = digest(limited(2.0), methods, payload=mo.OneOf(LONG), gravity=[0, 0, -1.62])
     code = SCRIPT.format(tests=str(Path(__file__).parent.parent))
-    found = {
-        subprocess.run([sys.executable, "-c", code], env={**os.environ, "PYTHONHASHSEED": seed},
-                       capture_output=True, text=True, check=True).stdout
-        for seed in ("1", "2")
-    }  # fmt: skip
-    assert len(found) == 1
+    seed = "1" if os.environ.get("PYTHONHASHSEED") != "1" else "2"
+    there = subprocess.run([sys.executable, "-c", code], env={**os.environ, "PYTHONHASHSEED": seed},
+                           capture_output=True, text=True, check=True).stdout  # fmt: skip
+    assert there == f"{here}\n"
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,7 @@ distributed = pytest.importorskip("distributed")
 pytestmark = pytest.mark.slow
 
 EXIT, HANG, BROKEN = 1.0, 1.5, 2.0  # payloads, kg
-PAYLOADS = [0.0, 0.1, 0.2, BROKEN, 0.3, EXIT, 0.4, HANG]
+PAYLOADS = [0.0, 0.1, 0.2, BROKEN, HANG, 0.3, EXIT, 0.4]
 GOOD = [case for case, payload in enumerate(PAYLOADS) if payload < 1.0]
 COUNT = len(PAYLOADS)
 EARLY = 2  # cases that are done before the client is killed
@@ -158,15 +158,12 @@ def test_poisoned_cases_end(disturbed: Disturbed) -> None:
     by_payload = dict(zip(read["payload"], read["status"], strict=True))
     ends = {BROKEN: "failed", EXIT: "killed worker", HANG: "time limit"}
     assert by_payload == dict.fromkeys(PAYLOADS, "solved") | ends
-    assert read["cubic_status"].tolist() == ["solved"] * 5 + [
-        "killed worker",
-        "solved",
-        "time limit",
-    ]
+    of_cubic = dict(zip(read["payload"], read["cubic_status"], strict=True))
+    assert of_cubic == by_payload | {BROKEN: "solved"}
     tells(read["reason"][PAYLOADS.index(BROKEN)], "fault", "method")
     summary = disturbed.results.summary()
     assert summary.solved == {"cubic": len(GOOD) + 1, "slow": len(GOOD)}
-    assert sorted(failure.case for failure in summary.failures) == [3, 5, 7]
+    assert sorted(failure.case for failure in summary.failures) == [3, 4, 6]
 
 
 def test_another_study_is_refused(disturbed: Disturbed, client: Any) -> None:
@@ -213,8 +210,12 @@ def test_a_scheduler_that_ends_is_said(tmp_path: Path) -> None:
         def end(_: Any) -> None:
             process.kill()
 
-        with refused(str(tmp_path), error=SweepStopped):
-            run_study(study(), tmp_path, client=address, progress=end)
+        # This client gives a lost scheduler up sooner than the client of an address does.
+        with (
+            distributed.Client(address, timeout="1s", set_as_default=False) as client,
+            refused(str(tmp_path), error=SweepStopped),
+        ):
+            run_study(study(), tmp_path, client=client, progress=end)
 
 
 def test_results_show_themselves(disturbed: Disturbed, capsys: pytest.CaptureFixture[str]) -> None:

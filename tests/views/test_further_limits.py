@@ -36,7 +36,7 @@ def speed(robot, motion):
 
 @pytest.fixture(scope="module")
 def comparison(robot):
-    return mo.compare(robot, VIA_Q, ["cubic", "lspb"])
+    return mo.compare(robot, VIA_Q, ["cubic_scaled", "lspb_scaled"], via_t=[0.0, 1.2, 2.6])
 
 
 def test_its_value_is_drawn_with_its_bound_across_the_page(robot, motion, speed):

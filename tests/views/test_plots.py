@@ -190,8 +190,10 @@ def test_without_any_motion_or_limit(comparison, make):
 
 
 @pytest.mark.slow
-def test_save(paths, tmp_path):
-    png, pdf = plots.save(paths, tmp_path / "new", "paths")
+def test_save(tmp_path):
+    figure = Figure()
+    figure.subplots().plot([0, 1])
+    png, pdf = plots.save(figure, tmp_path / "new", "paths")
     assert (png.name, pdf.name) == ("paths.png", "paths.pdf")
     assert png.read_bytes().startswith(b"\x89PNG")
     assert pdf.read_bytes().startswith(b"%PDF")

@@ -45,8 +45,18 @@ def solved(problem, mesh, scheme="shooting", solver="ipopt", tolerance=1e-9):
 # known multipliers --------------------------------------------------------------------------------
 
 
-@by_both
-@by_every_scheme
+@pytest.mark.parametrize(
+    ("scheme", "solver"),
+    [
+        *((scheme, "ipopt") for scheme in SCHEMES),
+        ("shooting", "fatrop"),
+        *(
+            pytest.param(scheme, "fatrop", marks=pytest.mark.thorough)
+            for scheme in SCHEMES
+            if scheme != "shooting"
+        ),
+    ],
+)
 def test_the_shortest_move_has_its_costates_its_hamiltonian_and_its_switch(scheme, solver):
     """Costates -1 (position) and t - 1 (speed): H = 1 * 0 - v + (t - 1) u = -1 all along."""
     problem = double_integrator()

@@ -208,7 +208,7 @@ def test_with_dry_friction_its_optimum_is_that_of_the_program_with_states(limits
     numbers = {name: {WINDOW: 0.01, SMOOTHING: 0.1} for name in phase_names(2)}
     stated = transcription(robot, via.tobytes(), len(via), False).with_parameters(numbers)
     flat, guess = flat_of(robot, via).with_parameters(numbers), guess_of(robot, via)
-    with_states, without = (solve_on(form, 80, guess, TIGHT) for form in (stated, flat))
+    with_states, without = (solve_on(form, 20, guess, TIGHT) for form in (stated, flat))
     assert with_states.status.solved
     assert without.status.solved
     assert without.cost == pytest.approx(with_states.cost, rel=within)
