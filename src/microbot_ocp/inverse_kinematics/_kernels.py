@@ -87,7 +87,6 @@ class Descent(NamedTuple):
 
 DAMPING = 0.03  # damping per squared error
 LEAST_DAMPING = 1e-15  # smallest damping; it keeps the matrix regular at singular solutions
-LEAST_REDUNDANT_DAMPING = 1e-12  # smallest damping of redundant arms
 POLISHING_ERROR = 1e-7  # scaled error below which steps count as polishing
 MOST_POLISHING_STEPS = 30  # largest number of polishing steps
 CLOSE_ERROR = 1e-3  # scaled error below which an attempt may exceed its patience
@@ -128,11 +127,8 @@ def descent(robot: Robot, width: int) -> FastCall:
 
     # Active set: joints at a bound whose gradient step points outwards are fixed in this step.
     held = beyond(pull)
-    regular = min(count, error.numel()) == generic_rank(robot, width)
     # Sugihara's damping, lambda = w |e|^2 + floor, vanishes at a solution: the end is quadratic.
-    damping = DAMPING * ca.dot(error, error) + (
-        LEAST_DAMPING if regular else LEAST_REDUNDANT_DAMPING
-    )
+    damping = DAMPING * ca.dot(error, error) + LEAST_DAMPING
     sought = ca.logic_and(attempt < 1, steps < nearest)
 
     def step_of_others(held: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -145,7 +141,7 @@ def descent(robot: Robot, width: int) -> FastCall:
     # A step of at most half a turn keeps the linear model from spinning joints.
     move *= scale * ca.fmin(1, np.pi / (ca.norm_inf(move) + TINY))
     small += size < POLISHING_ERROR
-    exact = ca.logic_or(ca.logic_and(size <= enough, small >= polish), size <= 2e-16)
+    exact = ca.logic_and(size <= enough, small >= polish)
     solved = ca.logic_or(
         ca.logic_and(exact, apart < NULL_SPACE_STEP), small >= MOST_POLISHING_STEPS + nearest
     )

@@ -22,10 +22,10 @@ from microbot_ocp.inverse_kinematics._result import read_only
 from microbot_ocp.robot import Robot
 
 POSE_TOLERANCE = 1e-8  # largest error of a solution, m and rad
-LEAST_SINGULAR_VALUE = 1e-12  # floor of the largest singular value in ratios
 CONTINUUM_SAMPLES = 12  # solutions that represent a continuum
 SAME_JOINTS = 1e-5  # joint difference that counts as zero, rad (prismatic: share of the reach)
-
+# Joint difference up to which two solutions may be one root, or stand for one place of a continuum.
+NEARBY = 0.02
 
 SEARCH = kernels.Descent(patience=16, enough=1e-12, polish=2)
 SLIDE = kernels.Descent(nearest=70, polish=2)  # reaches a target and slides along its continuum
@@ -91,7 +91,7 @@ def within_limits(robot: Robot, q: FloatArray, near: FloatArray) -> tuple[FloatA
 
 def goal(robot: Robot) -> float:
     """Return the scaled error of a solution that is within both tolerances."""
-    return max(min(1e-10, POSE_TOLERANCE / kernels.reach(robot)), 1e-14)
+    return min(1e-10, POSE_TOLERANCE / kernels.reach(robot))
 
 
 def descend(
@@ -183,9 +183,6 @@ def _clusters_of_each(
     return q[owners, np.concatenate(firsts)[order]], owners, np.concatenate(met)[order]
 
 
-DOUBLED_ROOT = 0.02  # joint difference up to which two solutions may be one root, rad
-
-
 def _merge_doubles(
     robot: Robot, q: FloatArray, owners: np.ndarray, met: np.ndarray, targets: FloatArray
 ) -> tuple[FloatArray, np.ndarray, np.ndarray]:
@@ -197,7 +194,7 @@ def _merge_doubles(
     pairs = begins[block, None] + np.array([one, other]).T[pair]
     gaps = np.abs(difference(robot, q[pairs[:, 0]], q[pairs[:, 1]])).max(axis=1)
     # Near a doubled root the error is quadratic, so even the midpoint is within the tolerance.
-    pairs = pairs[gaps < DOUBLED_ROOT]
+    pairs = pairs[gaps < NEARBY]
     if not len(pairs):
         return q, owners, met
     between = q[pairs[:, 0]] + difference(robot, q[pairs[:, 1]], q[pairs[:, 0]]) * (
@@ -219,9 +216,7 @@ def ranks(robot: Robot, q: FloatArray, width: int) -> np.ndarray:
 
 def _rank(values: np.ndarray) -> np.ndarray:
     """Return the ranks [K] of matrices with these singular values [K,m]."""
-    return (values > kernels.RANK_TOLERANCE * np.maximum(values[:, :1], LEAST_SINGULAR_VALUE)).sum(
-        axis=1
-    )
+    return (values > kernels.RANK_TOLERANCE * np.maximum(values[:, :1], ROUNDING)).sum(axis=1)
 
 
 PROBE_STEP = 0.05  # step along a suspected self-motion, rad (prismatic: share of the reach)
@@ -335,7 +330,7 @@ def _slide(
     poses, errors = descend(robot, q[None], target[None], bounds)
     if errors[0] > goal(robot):
         return None
-    q, scale, length = poses[0], kernels.joint_scale(robot), 0.3
+    q, scale, length = poses[0], kernels.joint_scale(robot), 0.5
     for _ in range(60):
         _, values, right = np.linalg.svd(kernels.scaled_jacobian(robot, q[None], target.size)[0])
         rank = int(_rank(values[None])[0])
@@ -343,7 +338,7 @@ def _slide(
         # Projection of the missing motion onto the null space of the Jacobian.
         along = right[rank:].T @ (right[rank:] @ missing)
         size = float(np.linalg.norm(along))
-        if size < 1e-7 or length < 1e-4:
+        if min(size, length) < SAME_JOINTS:
             break
         trial = q + along * min(1.0, length / size) * scale
         poses, errors = descend(robot, np.clip(trial, *bounds)[None], target[None], bounds)
@@ -428,20 +423,17 @@ def _complete(
     """
     if not len(met):
         return turn > 0
-    conditions = values[:, -1] / np.maximum(values[:, 0], LEAST_SINGULAR_VALUE)
+    conditions = values[:, -1] / np.maximum(values[:, 0], ROUNDING)
     if values.shape[1] < jacobians.shape[2] or conditions.min() < kernels.RANK_TOLERANCE:
         # A continuum gives new solutions in every round, so only isolated ones must recur.
         isolated = conditions >= kernels.RANK_TOLERANCE
         return turn > 0 and bool(np.all(met[isolated] >= MEETINGS))
     if met.min() < MEETINGS:
         return False
-    if not balanced or conditions.min() < 1e-4:
-        return True  # the sign of a vanishing determinant is undefined
+    if not balanced:
+        return True
     # Degree zero: the determinants of all solutions have as many positive as negative signs.
     return abs(np.sign(np.linalg.det(jacobians)).sum()) < 0.5
-
-
-SAME_ON_CONTINUUM = 0.02  # joint difference of representatives at one place, rad
 
 
 def _with_representatives(
@@ -465,7 +457,7 @@ def _with_representatives(
     settled = [best for best in nearest if best is not None]
     central = np.array(settled).reshape(-1, robot.joint_count)
     order = np.argsort(np.linalg.norm(difference(robot, central, middle(robot)), axis=1))
-    central, _ = clusters(robot, central[order], SAME_ON_CONTINUUM)
+    central, _ = clusters(robot, central[order], NEARBY)
     everything = np.concatenate([isolated, doubled, central])
     moves = np.zeros(len(everything), dtype=int)
     if len(central):
@@ -510,7 +502,7 @@ def nearest_pose(
                     break
         distance, angle = (x[0] for x in task_errors(robot, q[None], target[None]))
         # Distances that agree within a tolerance leave the decision to the angle.
-        key = (round(distance / (1e-7 * kernels.reach(robot))), angle)
+        key = (round(distance / (POSE_TOLERANCE * kernels.reach(robot))), angle)
         if key < best_key:
             best, best_key, converged = q, key, ended
     wished = middle(robot) if start is None else start
@@ -525,12 +517,12 @@ def _stationary(robot: Robot, q: FloatArray, target: FloatArray) -> bool:
     offset = (target[:3] - kernels.pose_of(robot)(q)[:3, 3]) / kernels.reach(robot)
     downhill = kernels.scaled_jacobian(robot, q[None], 3)[0].T @ offset
     limits = robot.limits
-    slack = 1e-7 * kernels.joint_scale(robot)
+    slack = SAME_JOINTS * kernels.joint_scale(robot)
     held = ((q <= limits.q_min + slack) & (downhill < 0)) | (
         (q >= limits.q_max - slack) & (downhill > 0)
     )
     free = np.abs(np.where(held, 0.0, downhill)).max()
-    return bool(free < 1e-5 * max(float(np.linalg.norm(offset)), 1e-12))
+    return bool(free < SAME_JOINTS * max(float(np.linalg.norm(offset)), ROUNDING))
 
 
 def by_nlp(robot: Robot, target: FloatArray, starts: int) -> FloatArray:
