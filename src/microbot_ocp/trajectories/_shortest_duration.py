@@ -202,7 +202,7 @@ class _DurationSearch:
             return Peak(np.inf)
         if self.shape is None:
             length = checked_shape(self.robot, polynomial).duration
-            if abs(length - duration) > 1e-6 * duration:
+            if abs(length - duration) > ROUNDING * duration:
                 raise InputError(
                     f"make_motion({duration:g}) must return a motion of {duration:g} s, not "
                     f"{length:g} s"
@@ -217,7 +217,7 @@ class _DurationSearch:
         good, met, missed = self._narrow(good, bad)
         # If the use is discontinuous at the bracket, the limit that the shorter duration violates
         # is reported.
-        cause = met if met.use >= 1.0 - 1e-6 else missed
+        cause = met if met.use >= 1.0 - self.tolerance else missed
         if np.isinf(cause.use) and cause.quantity in self.family.of_order(3):
             raise InputError(_jumps_text(self.family[cause.quantity], cause))
         polynomial = self.make(good)
@@ -244,7 +244,7 @@ class _DurationSearch:
         peak = self.evaluate(duration)
         while peak.use > 1.0:
             bad = (duration, peak)
-            duration *= float(np.clip(peak.use, 1.3, 4.0))
+            duration *= 2
             if duration > LONGEST_DURATION * self.first:
                 raise InputError(self._no_duration(bad))
             if self.shape is None and deadline.over():
@@ -253,9 +253,9 @@ class _DurationSearch:
             peak = self.evaluate(duration)
         good = (duration, peak)
         if self.from_above and not deadline.over():
-            top = self.evaluate(4.0 * duration)
+            top = self.evaluate(4 * duration)
             if top.use <= 1.0:
-                good, bad = (4.0 * duration, top), None
+                good, bad = (4 * duration, top), None
         while bad is None:
             duration, peak = good
             if deadline.over():
@@ -264,9 +264,7 @@ class _DurationSearch:
                 raise InputError(
                     "make_motion meets no limit, however short it is: no joint with a limit moves"
                 )
-            shorter = duration / SCAN_RATIO
-            if not self.from_above or peak.use < 0.1:
-                shorter = duration * float(np.clip(0.95 * peak.use, 0.1, 0.9))
+            shorter = duration / (SCAN_RATIO if self.from_above and peak.use > 0.1 else 2)
             trial = (shorter, self.evaluate(shorter))
             good, bad = (good, trial) if trial[1].use > 1.0 else (trial, None)
         return good, bad
@@ -296,7 +294,7 @@ class _DurationSearch:
         ends, weights, last = [good, bad], [1.0, 1.0], -1
         for iteration in range(200):
             (long, met), (short, missed) = ends
-            near = met.use >= 1.0 - self.tolerance or long - short <= 1e-13 * long
+            near = met.use >= 1.0 - self.tolerance or long - short <= ROUNDING * long
             if near or deadline.over():
                 break
             s_good, s_bad = long**-2, short**-2
