@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from microbot_ocp._base import deadline
-from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp.acceleration._demand import Boxes, Demand, States
 from microbot_ocp.acceleration._region import PositionRegion
 
@@ -23,8 +23,6 @@ SAMPLES = 2000  # Each demand (joint, side and payload) starts with this many ra
 BEST_STATES, NEIGHBOURS = 8, 24
 ROUNDS = 14  # Each round of local search narrows the neighbourhood to two thirds.
 PLANES = 10  # Each step of the product problem adds this many planes for each joint.
-# Local search skips demands with a scale above this multiple of the smallest one.
-SEARCH_RATIO = 1.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,12 +96,12 @@ def with_local_search(
     least = known.worst(box).scale
     for index, demand in enumerate(known.demands):
         scales = known.states[index].scale(box)
-        if not scales.size or scales.min() > SEARCH_RATIO * max(least, 0.0):
+        if not scales.size or scales.min() > 2.0 * max(least, 0.0):
             continue
         best = known.states[index].taken(np.argsort(scales)[:BEST_STATES])
         width = np.ptp(np.stack([region.boxes.low.min(axis=0), region.boxes.high.max(axis=0)]), 0)
         for halving in range(ROUNDS):
-            step = 0.3 * width * (2 / 3) ** halving
+            step = 0.5 * width * (2 / 3) ** halving
             q = np.repeat(best.q, NEIGHBOURS, axis=0)
             q = q + step * rng.uniform(-1.0, 1.0, q.shape) * (rng.random(q.shape) < 0.5)
             q = _moved_inside(q, region)
@@ -282,17 +280,17 @@ def _product_below(planes: FloatArray) -> FloatArray:
     count = planes.shape[1]
     x = np.full(count, 0.5 / planes.sum(axis=1).max())
     weight = 1.0
-    while weight > 1e-9:
+    while weight > ROUNDING:
         for _ in range(50):
             left = 1.0 - planes @ x
             slope = -1.0 / x + weight * (planes / left[:, None]).sum(axis=0)
             scaled = planes / left[:, None]
             step = np.linalg.solve(np.diag(1.0 / x**2) + weight * scaled.T @ scaled, -slope)
-            if -slope @ step < 1e-12:
+            if -slope @ step < ROUNDING:
                 break
             length = 1.0
             while (x + length * step).min() <= 0.0 or (planes @ (x + length * step)).max() >= 1.0:
                 length /= 2
-            x = x + 0.9 * length * step if length < 1.0 else x + step
-        weight /= 5.0
+            x = x + 0.5 * length * step if length < 1.0 else x + step
+        weight /= 10.0
     return x

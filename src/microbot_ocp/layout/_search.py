@@ -349,10 +349,10 @@ class LayoutSearch:
                 return
             other = self.solve(self.lower + self.size * np.clip(place + step, 0.0, 1.0))
             gained = here.period - other.period
-            if gained >= 0.75 * promise:
+            if gained >= 0.5 * promise:
                 radius = min(2.0 * radius, 0.5)
-            elif gained < 0.25 * promise:
-                radius = 0.4 * min(radius, float(np.abs(step).max()))
+            else:
+                radius = 0.5 * min(radius, float(np.abs(step).max()))
             slope_there = self.slope(other) if np.isfinite(other.period) else None
             if slope_there is not None:
                 curvature = _updated(curvature, step, slope_there - slope)
@@ -446,6 +446,6 @@ def _updated(curvature: FloatArray, step: FloatArray, change: FloatArray) -> Flo
     """Return the symmetric rank-one update of a curvature; unchanged where it is not defined."""
     missed = change - curvature @ step
     along = float(missed @ step)
-    if abs(along) < 1e-8 * float(np.linalg.norm(missed) * np.linalg.norm(step)) or along == 0.0:
+    if abs(along) <= SAME * float(np.linalg.norm(missed) * np.linalg.norm(step)):
         return curvature
     return curvature + np.outer(missed, missed) / along
