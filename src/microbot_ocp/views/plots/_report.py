@@ -41,6 +41,7 @@ from microbot_ocp.views.plots._paths import draw_paths
 from microbot_ocp.views.tables import narrow_table
 
 LINE = 142  # characters per line of text
+MARGIN = 0.05  # share of the page that a printer leaves free at every edge
 
 
 def report(comparison: Comparison, path: str | Path, *, footer: str | None = None) -> Path:
@@ -78,8 +79,7 @@ def report_figure(comparison: Comparison, *, footer: str | None = None) -> Figur
         0.125 * (closing.count("\n") + 2),
     )
     figure = new_page(PAGE)
-    # Margins (left, bottom, width, height) that a printer needs.
-    figure.set_layout_engine("constrained", rect=(0.06, 0.03, 0.88, 0.94))
+    figure.set_layout_engine("constrained", rect=(MARGIN, MARGIN, 1 - 2 * MARGIN, 1 - 2 * MARGIN))
     grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
     # The heading is a row of the grid: the layout puts a suptitle outside of the margins.
     heading = {"fontsize": 13, "fontweight": "bold", "ha": "center"}

@@ -225,10 +225,10 @@ def _blueprint(iteration: Iteration, curves: Mapping[str, BoundedCurve]) -> rrb.
         layout.plot_view("cost", origin=COST),
         layout.plot_view("infeasibility, power of ten", origin=INFEASIBILITY, axis_y=powers),
     )
-    whole = rrb.Vertical(shown, plots, row_shares=[2.4, 1.0])
+    whole = rrb.Vertical(shown, plots, row_shares=[2, 1])
     if isinstance(iteration, MotionIteration):
-        left = rrb.Vertical(_space(iteration), layout.marks_view("solves"), row_shares=[2.6, 1.0])
-        whole = rrb.Horizontal(left, whole, column_shares=[1.0, 1.15])
+        left = rrb.Vertical(_space(iteration), layout.marks_view("solves"), row_shares=[3, 1])
+        whole = rrb.Horizontal(left, whole)
     return layout.folded(whole, timeline=ITERATION, play_state="following", fps=10.0)
 
 

@@ -146,11 +146,11 @@ class Recording:
         text, space = layout.text_view(), self._arms_view()
         if self.quantities:
             marks = layout.marks_view("marks and switches")
-            below = rrb.Horizontal(text, marks, column_shares=[1.6, 1.0])
-            left = rrb.Vertical(space, below, row_shares=[2.4, 1.0])
-            whole = rrb.Horizontal(left, self._curves_view(), column_shares=[1.15, 1.0])
+            below = rrb.Horizontal(text, marks, column_shares=[2, 1])
+            left = rrb.Vertical(space, below, row_shares=[2, 1])
+            whole = rrb.Horizontal(left, self._curves_view())
         else:
-            whole = rrb.Horizontal(space, text, column_shares=[1.4, 1.0])
+            whole = rrb.Horizontal(space, text, column_shares=[3, 2])
         last = float(max(self.end.get(self.timeline, [0.0])))
         return layout.playing(whole, self.timeline, last)
 
@@ -192,7 +192,7 @@ class Recording:
         met = list(dict.fromkeys(paths))
         title = f"limits met: {solid.title}" if solid.title else "limits met"
         lanes = rrb.StateTimelineView(contents=met, name=title)
-        return rrb.Vertical(curves, lanes, row_shares=[1.0, 0.13 + 0.055 * len(met)])
+        return rrb.Vertical(curves, lanes, row_shares=[20, 2 + len(met)])
 
     def _joint_view(self, quantity: str, joint: int) -> rrb.TimeSeriesView:
         robot, limits = self.robot, self.axis_limits[quantity, joint]

@@ -46,7 +46,7 @@ class SolutionRecording:
         grid = rrb.Grid(*plots, grid_columns=min(3, len(plots)))
         lanes = rrb.StateTimelineView(origin="phases", name="phases")
         right = rrb.Vertical(grid, lanes, row_shares=[6.0, 1.0])
-        whole = rrb.Horizontal(text_view(), right, column_shares=[1.0, 2.2])
+        whole = rrb.Horizontal(text_view(), right, column_shares=[1, 2])
         return playing(whole, TIME, self.end)
 
     def write(self, writer: Writer) -> None:

@@ -45,7 +45,7 @@ def of_sweep(results: Sweep, path: str | Path) -> Path:
         rrb.Spatial3DView(origin=f"{WORLD}/{name}", name=title, eye_controls=eye_controls(eye))
         for name, title in {**titles, "limits": "quantity that is at its limit longest"}.items()
     ]
-    shares = [2.6, 1.0]
+    shares = [3, 1]
     layout = folded(rrb.Vertical(rrb.Tabs(*views), text_view(), row_shares=shares))
     radius = 0.012 * width
     with file_writer(path, layout) as writer:
