@@ -138,7 +138,7 @@ def test_a_bad_gain_and_a_bad_folder(tmp_path):
     assert len(done.stderr.splitlines()) == 1
 
 
-@pytest.mark.parametrize("script", SCRIPTS)
+@pytest.mark.parametrize("script", sampled(SCRIPTS, 3))
 def test_help_shows_an_example(script):
     done = run(script, "--help")
     assert done.returncode == 0

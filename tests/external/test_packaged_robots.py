@@ -15,7 +15,7 @@ import pytest
 from benchmarks.mujoco_arms import mjcf, with_small_bodies
 
 import microbot_ocp as mo
-from helpers import batch, difference, random_states
+from helpers import batch, difference, random_states, sampled
 from microbot_ocp.robot.files import robot_to_urdf
 
 STATES = 1000
@@ -78,7 +78,7 @@ def slope(function: ca.Function, wrt: str) -> ca.Function:
     return ca.Function("slope", inputs, [ca.densify(found)])
 
 
-@pytest.fixture(scope="module", params=WITHOUT_ROTORS)
+@pytest.fixture(scope="module", params=sampled(WITHOUT_ROTORS, 2))
 def case(request: pytest.FixtureRequest) -> Case:
     robot = mo.load_robot(request.param)
     model = pinocchio_model(robot)
@@ -198,7 +198,7 @@ def test_tool_pose_jacobian_and_its_derivative(case: Case) -> None:
     assert difference(batch(change, case.q, case.qd), changes) < RELATIVE
 
 
-@pytest.fixture(scope="module", params=WITHOUT_ROTORS)
+@pytest.fixture(scope="module", params=sampled(WITHOUT_ROTORS, 2))
 def rigid(request: pytest.FixtureRequest) -> mo.Robot:
     return with_small_bodies(mo.load_robot(request.param))
 

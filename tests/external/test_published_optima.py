@@ -35,6 +35,10 @@ LONG = (
     "cart_pole_arcs",
     "van_der_pol_time",
     "pendulum",
+    "hanging_chain",
+    "zermelo_vortex",
+    "goddard_rocket",
+    "van_der_pol",
 )
 SCRIPT = Path(__file__).resolve().parents[2] / "problems" / "10_published_optima.py"
 CASES = [

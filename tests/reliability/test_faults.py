@@ -26,6 +26,7 @@ from border_calls import declared
 from rerun.chunk import RrdReader
 
 import microbot_ocp as mo
+from helpers import sampled
 from microbot_ocp._base import codegen
 from microbot_ocp._base.child_process import in_child
 from microbot_ocp._base.codegen import compile_function
@@ -217,7 +218,7 @@ def largest(path):
     return max(p.stat().st_size for p in files)
 
 
-@pytest.mark.parametrize("name", FULL_DISK)
+@pytest.mark.parametrize("name", sampled(FULL_DISK, 2))
 def test_a_file_that_may_not_grow_leaves_the_old_one(tmp_path, small_files, capsys, name):
     draw, path = random.Random(name), tmp_path / name
     write(name, path, 0)
@@ -257,7 +258,7 @@ def fill(path, left):
     os.truncate(path, max(0, path.stat().st_size - left * PAGE))
 
 
-@pytest.mark.parametrize("name", FULL_DISK)
+@pytest.mark.parametrize("name", sampled(FULL_DISK, 2))
 def test_a_full_disk_leaves_the_old_file(tmp_path, capsys, name):
     """A file system that is full, of memory, which a child of this process sees alone."""
     draw, times = random.Random(name), repetitions(name)
@@ -299,7 +300,7 @@ def test_a_comparison_without_its_index_is_refused(tmp_path):
     assert is_refused_for_a_kill(str(caught.value))
 
 
-@pytest.mark.parametrize("name", KILLED)
+@pytest.mark.parametrize("name", sampled(KILLED, 2))
 def test_a_kill_while_writing(tmp_path, capsys, name):
     path, found = tmp_path / name, Counter()
     write(name, tmp_path / f"first {name}", 0)  # what is made once

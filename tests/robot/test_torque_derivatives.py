@@ -38,7 +38,7 @@ def automatic(function, weights):
 
 
 @pytest.mark.parametrize("rates", [False, True])
-@pytest.mark.parametrize("name", ["stanford", "puma560"])
+@pytest.mark.parametrize("name", ["stanford", pytest.param("puma560", marks=pytest.mark.thorough)])
 def test_they_are_those_of_the_inverse_dynamics(name, rates):
     robot = with_friction(mo.load_robot(name))
     function = torque_and_rate(robot) if rates else mo.inverse_dynamics(robot)

@@ -80,18 +80,13 @@ def test_the_report_poses_against_a_grid_of_splits(microbot, make):
     assert found.duration < 0.98 * grid[20] or make is not cubic  # that of equal times
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
-    [
-        "planar_3r",
-        *(
-            pytest.param(n, marks=pytest.mark.thorough)
-            for n in ("ur5e", "stanford", "panda", "puma560")
-        ),
-    ],
+    ["planar_3r", "ur5e", "stanford", "panda", "puma560"],
 )
-@pytest.mark.parametrize("shape", ["cubic", pytest.param("quintic", marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("shape", ["cubic", "quintic"])
 def test_three_points_against_a_grid_of_splits(name, shape):
     robot = mo.load_robot(name) if shape == "quintic" else arm(name)
     via_q = random_via(robot, 3, 4)

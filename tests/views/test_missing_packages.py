@@ -34,10 +34,11 @@ for ask in ({asks}):
             f"lambda: motion.export({'a.gif'!r}, robot=robot)",
             ("matplotlib", "pip install matplotlib"),
         ),
-        (
+        pytest.param(
             "rerun",
             "lambda: comparison.to_rerun('a.rrd'), lambda: motion.to_rerun(robot, 'a.rrd')",
             ("rerun", "pip install rerun-sdk"),
+            marks=pytest.mark.thorough,
         ),
     ],
     ids=["matplotlib", "rerun"],

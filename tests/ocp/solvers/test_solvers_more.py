@@ -226,8 +226,15 @@ time.sleep(0.1)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("solver", ["ipopt", "fatrop"])
-@pytest.mark.parametrize("how", ["watched", "alone"])
+@pytest.mark.parametrize(
+    ("how", "solver"),
+    [
+        ("watched", "fatrop"),
+        ("alone", "ipopt"),
+        pytest.param("watched", "ipopt", marks=pytest.mark.thorough),
+        pytest.param("alone", "fatrop", marks=pytest.mark.thorough),
+    ],
+)
 def test_a_real_signal_ends_a_solve_with_its_iterate(solver, how):
     if (solver, how) == ("fatrop", "alone"):
         pytest.skip("fatrop finishes first")

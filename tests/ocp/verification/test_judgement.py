@@ -78,7 +78,8 @@ AROUND = (2 * np.sqrt(21.0) + 4 * (np.pi / 2 - np.arccos(0.4))) ** 2
         [
             (brockett, 2 * np.pi),
             pytest.param(vibrating_string, 0.75 * np.pi**2, marks=pytest.mark.thorough),
-            (elastica, 25.694048),  # of an integration of the pendulum's equation
+            # Of an integration of the pendulum's equation.
+            pytest.param(elastica, 25.694048, marks=pytest.mark.thorough),
             pytest.param(around_a_disc, AROUND, marks=pytest.mark.thorough),
         ],
         2,

@@ -33,7 +33,7 @@ def report(microbot):
     ("limits", "duration"),
     [
         ({"tau_max": 4.0}, 2 * np.sqrt(1.5 / 2.0)),
-        ({"qdd_max": 3.0}, 2 * np.sqrt(1.5 / 3.0)),
+        pytest.param({"qdd_max": 3.0}, 2 * np.sqrt(1.5 / 3.0), marks=pytest.mark.thorough),
         ({"qd_max": 1.2, "tau_max": 4.0}, 1.5 / 1.2 + 1.2 / 2.0),
         ({"tau_max": (-2.0, 4.0)}, np.sqrt(2 * 1.5 * (1 / 2.0 + 1 / 1.0))),
         ({"tau_max": 100.0, "taud_max": 10.0}, (32 * 1.5 / 5.0) ** (1 / 3)),
