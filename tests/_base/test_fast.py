@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
-from helpers import refused
+from helpers import refused, sampled
 from microbot_ocp._base import fast_calls
 from microbot_ocp._base.codegen import interpreted
 from microbot_ocp._base.fast_calls import FastCall, buffered_call, deferred_call
@@ -61,7 +61,7 @@ def as_tuple(answer: np.ndarray | tuple[np.ndarray, ...]) -> tuple[np.ndarray, .
     return answer if isinstance(answer, tuple) else (answer,)
 
 
-@pytest.mark.parametrize("kind", FUNCTIONS)
+@pytest.mark.parametrize("kind", sampled(FUNCTIONS, 2))
 def test_agrees_with_casadi(kind: str, way: str) -> None:
     function = FUNCTIONS[kind]
     call = fresh(function)

@@ -99,7 +99,7 @@ def climbed(found: mo.AccelerationLimits, load: float, starts: int) -> float:
     "robot",
     [
         mo.load_robot("planar_3r"),
-        mo.load_robot("stanford"),
+        pytest.param(mo.load_robot("stanford"), marks=pytest.mark.thorough),
         telescope(),
         pytest.param(turned("puma560"), marks=pytest.mark.thorough),
     ],

@@ -192,10 +192,11 @@ CELL = cell_of(PLANAR, stops_at([0.6, 0.3, 0.0], [0.5, -0.3, 0.0]))
             ("gear ratio.elbow", "above 0", "-1"),
         ),
         ("base.z", {"base.z": (-0.1, 0.1)}, ("base.z", "5 placements", "stop 'a'", "70 mm")),
-        (
+        pytest.param(
             ["base.x", "base.z"],
             {"base.z": (-0.1, 0.1)},
             ("base.z", "5 placements", "stop 'a'", "70 mm"),
+            marks=pytest.mark.thorough,
         ),
         (["tool.yaw", "base.yaw"], None, ("tool.yaw", "base.yaw", "without effect")),
     ],

@@ -13,7 +13,7 @@ import pytest
 
 import formulas
 import microbot_ocp as mo
-from helpers import random_robot, refused
+from helpers import crossed, random_robot, refused
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.robot import _equation_text
 
@@ -62,8 +62,7 @@ def from_matlab(text: str) -> str:
     return "from math import cos, sin\n" + text.replace(";", "").replace("%", "#")
 
 
-@pytest.mark.parametrize("name", SIX)
-@pytest.mark.parametrize("language", ["python", "matlab"])
+@pytest.mark.parametrize(("name", "language"), crossed(SIX, ["python", "matlab"]))
 def test_programs_are_the_dynamics(name: str, language: str) -> None:
     robot = mo.load_robot(name)
     text = mo.robot.closed_form(robot).text(language)

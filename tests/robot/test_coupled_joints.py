@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import microbot_ocp as mo
-from helpers import batch, difference, random_link, random_states, refused, warned
+from helpers import batch, difference, random_link, random_states, refused, sampled, warned
 from microbot_ocp.robot import RobotFileWarning
 from microbot_ocp.robot.files import parse_robot, parse_urdf, robot_to_toml, robot_to_urdf
 
@@ -109,7 +109,7 @@ def test_they_move_as_pinocchios_independent_joints_that_are_moved_together(name
         assert difference(np.array(torques), np.array(tau)) < 1e-12
 
 
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("name", sampled(ARMS, 2))
 def test_the_rest_follows_from_the_joints_of_the_chain(name: str) -> None:
     robot = parse_urdf(urdf(*ARMS[name]))
     q, qd, qdd = random_states(robot, 10)

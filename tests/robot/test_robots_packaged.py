@@ -21,6 +21,7 @@ from helpers import (
     random_robot,
     random_states,
     refused,
+    sampled,
 )
 from microbot_ocp.robot import dh_transform
 from microbot_ocp.robot.files import parse_robot, robot_to_toml
@@ -236,7 +237,7 @@ def moved(robot: mo.Robot) -> mo.Robot:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["microbot", "panda", *RANDOM_CHAINS])
+@pytest.mark.parametrize("name", sampled(["microbot", "panda", *RANDOM_CHAINS], 2))
 def test_base_moves_poses_and_turns_gravity(name: str) -> None:
     """On a base, a robot is itself seen from a frame moved the other way."""
     plain, based = any_robot(name), moved(any_robot(name))

@@ -43,7 +43,7 @@ FORMS = {
 
 
 @needs_compiler
-@pytest.mark.parametrize("form", sampled(FORMS, 2))
+@pytest.mark.parametrize("form", sampled(FORMS, 4))
 def test_compiled_dynamics_are_solved_as_the_others(form):
     solutions = [
         ocp.solve(

@@ -39,7 +39,7 @@ def exact_cost(price=1.0):
 
 
 @pytest.mark.parametrize("solver", sampled(["fatrop", "ipopt"], 2))
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-5, 1e-7])
+@pytest.mark.parametrize("tolerance", [1e-3, pytest.param(1e-5, marks=pytest.mark.thorough), 1e-7])
 def test_the_gap_is_a_bound_of_what_is_left(solver, tolerance):
     exact = exact_cost()
     loose = solve(least_fuel(), 40, settings=SolverSettings(solver, tolerance, gap=np.inf))

@@ -113,7 +113,15 @@ def check_derivatives(program, x):
 
 
 @needs_a_compiler
-@pytest.mark.parametrize("name", ["microbot", "ur5e", "with rates", "with dry friction"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "microbot",
+        pytest.param("ur5e", marks=pytest.mark.thorough),
+        "with rates",
+        "with dry friction",
+    ],
+)
 def test_numpy_and_c_do_the_same(name):
     rated = mo.load_robot("ur5e").with_limits(**LIMITED["rates"])
     changed = {"with rates": rated, "with dry friction": rubbing(rated)}
