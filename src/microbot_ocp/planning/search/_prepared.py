@@ -70,6 +70,7 @@ from microbot_ocp.planning.task import (
     TIME_LIMIT,
     EndConditions,
     TaskScale,
+    bounds_in_program,
     check_limits,
     check_via,
     dry_friction,
@@ -644,15 +645,16 @@ class TimeOptimalSolver:
     ) -> dict[str, Any]:
         numbers = {"payload": payload, JERK_WEIGHT: smoothing}
         size, via = problem.scale, problem.via
-        family = with_locked_joints_held(problem.family)
+        family, own = with_locked_joints_held(problem.family), LimitFamily.of(self.robot)
         declared = {c.name for c in self._kernels.problem.phases[0].constraints}
         pairs = {key: family.robot.limits.bounds(key) for key in OF_VARIABLES}
         for member in family:
             if member.name in declared:
-                pairs[member.name] = (member.lower, member.upper)
+                given = member.lower, member.upper
+                pairs[member.name] = bounds_in_program(own[member.key], given)
         # Released bounds at the start imply that a locked joint keeps its given position: the
         # program has no other condition for it.
-        free = np.where(locked_joints(LimitFamily.of(self.robot)), np.inf, 0.0)
+        free = np.where(locked_joints(own), np.inf, 0.0)
 
         def at(point: FloatArray) -> dict[str, Any]:
             return {"q": (point - free, point + free)} if not free.all() else {}
@@ -663,7 +665,9 @@ class TimeOptimalSolver:
         bounds = dict.fromkeys(self._phases, pairs)
         if moving is not None:
             names = {key: key if key in OF_VARIABLES else family[key].name for key in moving.bounds}
-            widened = {names[key]: pair for key, pair in moving.bounds.items()}
+            widened = {
+                names[key]: bounds_in_program(own[key], pair) for key, pair in moving.bounds.items()
+            }
             bounds[first] = pairs | {name: widened[name] for name in pairs if name in widened}
             initial[first]["qd"] = moving.state.qd[0]
             if family.jerk_matters:

@@ -7,6 +7,7 @@ from ._checks import (
     LDL as LDL,
     ROUGH_TOLERANCE as ROUGH_TOLERANCE,
     TIME_LIMIT as TIME_LIMIT,
+    bounds_in_program as bounds_in_program,
     check_limits as check_limits,
     check_pace as check_pace,
     check_positions as check_positions,

@@ -354,6 +354,20 @@ def derivatives_for(*robots: Robot, compiled: bool = False) -> Callable[[ca.Func
     return find
 
 
+def _smooth_size(value: Any, upper: FloatArray) -> Any:
+    """Return a smooth function of a norm, which has no slope at zero; both are equal at a bound."""
+    return 0.5 * (value**2 / upper + upper)
+
+
+def bounds_in_program(
+    declared: Member, bounds: tuple[FloatArray, FloatArray]
+) -> tuple[FloatArray, FloatArray]:
+    """Return bounds of the constraint of a limit, which a program declares with other numbers."""
+    if declared.limit is None or not declared.limit.is_size:
+        return bounds
+    return bounds[0], _smooth_size(bounds[1], declared.upper)
+
+
 def declare_limits(
     phase: Phase,
     family: LimitFamily,
@@ -405,9 +419,8 @@ def declare_limits(
         if member.limit is None or not member.varies:
             value = joint_values[key] if member.limit is None else expressions[key][0]
             scale = finite_scale(member.lower, member.upper)
-            # A norm has no slope at zero: |v| <= u is the smooth (v^2 / u + u) / 2 <= u.
             if member.limit is not None and member.limit.is_size:
-                value = 0.5 * (value**2 / member.upper + member.upper)
+                value = _smooth_size(value, member.upper)
             declare(member.name, value, member.lower, member.upper, scale=scale)
             continue
         value, lower, upper = expressions[key]
