@@ -340,3 +340,18 @@ def test_constant_controls_are_as_accurate_as_the_free_ones_that_they_replace():
     refined = solve(mixing, accuracy=1e-6)
     assert refined.solved, refined.advice
     assert abs(refined.cost / 0.989124 - 1) < 1e-6
+
+
+def test_a_solved_cost_is_as_accurate_as_is_claimed_for_controls_of_first_order():
+    """A force under a power limit is set by the end of its interval, so errors halve with it."""
+    problem = OptimalControlProblem("push", maximize=True)
+    phase = problem.phase("push", 0.3)
+    v, x = phase.state("v", initial=1.0), phase.state("x", initial=0.0)
+    u = phase.control("u", lower=0.0, shape="constant")
+    phase.derivative(v, 1.0)
+    phase.derivative(x, u)
+    phase.constraint("power", u * v, upper=1.0)
+    phase.end_cost(x)
+    solution = solve(problem)
+    assert solution.status.solved
+    assert solution.objective == pytest.approx(np.log(1.3), rel=1e-4)

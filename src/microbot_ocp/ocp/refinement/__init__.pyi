@@ -9,7 +9,6 @@ from ._accuracy import (
 from ._judged import (
     BARRIER_NEAR_BOUNDS as BARRIER_NEAR_BOUNDS,
     CONVERGED as CONVERGED,
-    SETTLED_CHANGE as SETTLED_CHANGE,
     UNREACHED_SAVING as UNREACHED_SAVING,
     improvable as improvable,
     improved as improved,

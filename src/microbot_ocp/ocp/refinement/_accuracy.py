@@ -250,4 +250,4 @@ def _where(use: OCPLimitUse | None) -> str:
 
 
 # Requirements of every solution: it passes the judgement, and its cost has settled.
-PASSING = Accuracy(np.inf, 1e-4, np.inf, np.inf, rounds=14, most_intervals=1000)
+PASSING = Accuracy(np.inf, 1e-4, np.inf, np.inf)

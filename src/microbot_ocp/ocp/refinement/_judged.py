@@ -46,7 +46,6 @@ CONVERGED = (Status.SOLVED, Status.GAP_LEFT)
 # No other strategy would change these statuses.
 FINAL = (*CONVERGED, Status.INTERRUPTED, Status.TOO_COARSE, Status.OUTSIDE_TABLE)
 
-SETTLED_CHANGE = 5.0 * PASSING.cost  # relative change of the cost below which it is settled
 UNREACHED_SAVING = 1e-2  # relative saving that a settled cost may still miss
 MESH_RATIO = 1.5  # least ratio of intervals of two meshes whose costs show an error
 BARRIER_NEAR_BOUNDS = 1e-6  # initial barrier parameter that keeps a start near its bounds
@@ -328,11 +327,10 @@ class _RefinementLoop:
         """
         goal, status = self.goal, state.measure.judgement.status
         failures = state.measure.judgement.failures
-        settled = goal is PASSING and state.measure.extrapolation.estimate <= SETTLED_CHANGE
-        missing = list(goal.missing(state.measure.step)) if self.finer and not settled else []
+        missing = list(goal.missing(state.measure.step)) if self.finer else []
         rises = [] if goal is PASSING else list(History(solution.history).rises(goal.cost))
         solution = solution.remarked(*rises)
-        if not missing and not failures and saved > SETTLED_CHANGE:
+        if not missing and not failures and saved > PASSING.cost:
             lost = (
                 f"Other controls promise to save {saved:.1g} of the cost, but no solve reaches it: "
                 "the optimum may be a limit of controls that switch ever faster."

@@ -27,7 +27,6 @@ from microbot_ocp.ocp.refinement import (
     BARRIER_NEAR_BOUNDS,
     CONVERGED,
     PASSING,
-    SETTLED_CHANGE,
     UNREACHED_SAVING,
     Accuracy,
     History,
@@ -415,7 +414,7 @@ def _may_chatter(problem: OptimalControlProblem | Transcription, solution: Solut
 
     False if better controls are known, which are searched only for polynomial controls.
     """
-    if isinstance(problem, Transcription) or improvable(solution) > SETTLED_CHANGE:
+    if isinstance(problem, Transcription) or improvable(solution) > PASSING.cost:
         return False
     chosen = {(p.name, c.name) for p in problem.phases for c in p.controls if c.shape != "auto"}
     chosen |= {(p.name, name) for p in problem.phases for name in tied_controls(p)}
