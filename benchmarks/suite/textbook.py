@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cmath import exp, phase
-from math import cosh, pi, radians, sinh, sqrt
+from math import cos, cosh, pi, radians, sin, sinh, sqrt
 
 import casadi as ca
 import numpy as np
@@ -427,6 +427,39 @@ def brachistochrone_of_given_length() -> OptimalControlProblem:
     return problem
 
 
+def _fall(arc: float, radius: float, gravity: float, longest: float) -> OptimalControlProblem:
+    problem = OptimalControlProblem("gravity tunnel")
+    phase = problem.phase("fall", (longest / 200, longest))
+    x = phase.state("x", initial=radius, final=radius * cos(arc))
+    y = phase.state("y", initial=0.0, final=radius * sin(arc))
+    v = phase.state("v", initial=0.0)
+    heading = phase.control("heading")
+    vx, vy = ca.cos(heading), ca.sin(heading)
+    phase.derivative(x, v * vx)
+    phase.derivative(y, v * vy)
+    phase.derivative(v, -gravity / radius * (x * vx + y * vy))
+    phase.end_cost(phase.duration)
+    return problem
+
+
+def gravity_tunnel() -> OptimalControlProblem:
+    """Fall from rest through a ball of radius 1 and gravity 1 along an arc of 2, in least time."""
+    return _fall(2.0, 1.0, 1.0, 20.0)
+
+
+def tunnel_through_the_earth() -> OptimalControlProblem:
+    """Fall from rest to rest through the earth along an arc of 1.2, in least time, m and s."""
+    problem = _fall(1.2, 6.371e6, 9.82, 7200.0)
+    (phase,) = problem.phases
+    phase.end_constraint("rest", phase.states[-1].symbol, 0.0, 0.0)
+    return problem
+
+
+def _hypocycloid(arc: float, radius: float, gravity: float) -> float:
+    """Return the time of the fall along a hypocycloid."""
+    return sqrt(arc * (2 * pi - arc) * radius / gravity)
+
+
 def steps() -> OptimalControlProblem:
     """Steer down from 1 to 0, along it, and up again: three phases of a second each."""
     problem = OptimalControlProblem("steps")
@@ -740,6 +773,22 @@ PROBLEMS = (
         published=1.80767971,
         tolerance=1e-05,
         confirmed="fine mesh",
+    ),
+    SuiteProblem(
+        gravity_tunnel,
+        "heading from rest, no regular end",
+        "Cooper 1966, Through the Earth in forty minutes",
+        _hypocycloid(2.0, 1.0, 1.0),
+        1e-4,
+        "closed form",
+    ),
+    SuiteProblem(
+        tunnel_through_the_earth,
+        "heading from rest, units",
+        "Cooper 1966, Through the Earth in forty minutes",
+        _hypocycloid(1.2, 6.371e6, 9.82),
+        1e-4,
+        "closed form",
     ),
     SuiteProblem(steps, "phases, state constraint", PSOPT_EXAMPLE, 1.0, 1e-6, "closed form"),
     SuiteProblem(

@@ -360,6 +360,15 @@ def test_curves_that_agree_are_enough_where_there_are_few_simulations(monkeypatc
 
 
 @pytest.mark.thorough
+def test_a_heading_between_two_places_of_rest_is_found():
+    """Energy is kept, so that the speed at the end follows from the place: 11 % above were left."""
+    tunnel = BY_NAME["tunnel_through_the_earth"]
+    solution = solve(tunnel.build())
+    assert solution.status.solved
+    assert tunnel.error(solution.cost) < 1e-4
+
+
+@pytest.mark.thorough
 def test_a_fit_in_many_phases_is_solved_in_bounded_work():
     """Twenty phases of 23 linked states: 460 equations of 19,000 variables depend on few each."""
     marine = BY_NAME["marine_population_in_phases"]

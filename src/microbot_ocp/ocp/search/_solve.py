@@ -324,7 +324,7 @@ class SolveTask:
         """Return the solution refined until it passes, and whether that is final."""
         return judged(
             solution,
-            replace(context, settings=self.short),
+            replace(context, settings=replace(self.short, options=context.settings.options)),
             self.journal,
             finer=self.given is None or self.accuracy is not None,
             goal=self.accuracy or PASSING,
@@ -507,14 +507,17 @@ def _simulated(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
             yield replace(task, guess=guess).start()
 
 
-def _along_lines(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
+def _regularised(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
     assert isinstance(task.problem, OptimalControlProblem)
     if task.guess is None:
-        problem = with_shapes(task.problem, "constant", tied=False)
-        ordinary = default_guess(problem)
-        guess = following_lines(problem, ordinary)
+        given, ordinary = task.few.options, default_guess(task.problem)
+        options = {**given, "ipopt": {"perturb_always_cd": "yes", **given.get("ipopt", {})}}
+        settings = replace(task.few, options=options)
+        guess = following_lines(task.problem, ordinary)
         if any(guess[name] is not ordinary[name] for name in guess):
-            yield replace(task, problem=problem, guess=guess).start()
+            constant = with_shapes(task.problem, "constant", tied=False)
+            yield replace(task, problem=constant, guess=guess).start(settings=settings)
+        yield replace(task, guess=guess).start(settings=settings)
 
 
 def _from_many_starts(task: SolveTask, tried: list[Attempt]) -> Iterator[Start]:
@@ -549,9 +552,10 @@ STRATEGIES = (
         "coarse one",
     ),
     Strategy(
-        "from controls that follow straight lines",
-        _along_lines,
-        "headings where the speed is zero in the guess, so that they have no influence there",
+        "with regularised equations",
+        _regularised,
+        "speeds of zero: conditions depend on each other there, and headings have no influence, so "
+        "that they start along straight lines",
     ),
     Strategy(
         "from the simulation that ends nearest",
