@@ -30,7 +30,7 @@ from microbot_ocp.planning.path import (
     straight_through,
     time_path,
 )
-from microbot_ocp.planning.task import TaskScale
+from microbot_ocp.planning.task import GAP, TaskScale
 from microbot_ocp.trajectories import cubic, quintic, shortest_duration, spline
 
 MOST_GRIDS = 6  # largest number of grids, each refined where a limit is exceeded
@@ -211,7 +211,6 @@ def largest_excess(family: LimitFamily, motion: Motion) -> float:
     return max((float(ratio.max()) for ratio in use.values()), default=0.0) - 1.0
 
 
-SLOWDOWN_ACCURACY = 1e-5  # absolute accuracy of the factor of a uniform slowdown
 DECIDING_PLACES = 500  # places that determine the factor of a uniform slowdown first
 
 
@@ -244,7 +243,7 @@ def _slowed_evenly(family: LimitFamily, motion: Motion, tolerance: float) -> Mot
         if np.isin(worst, deciding).all():
             return None
         deciding, low, high = np.union1d(deciding, worst), high, most
-        while high - low > SLOWDOWN_ACCURACY:
+        while high - low > GAP:
             middle = 0.5 * (low + high)
             fits = use(middle, deciding).max() <= 1.0 + tolerance
             low, high = (low, middle) if fits else (middle, high)

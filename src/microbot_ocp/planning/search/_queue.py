@@ -14,6 +14,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from microbot_ocp._base import deadline
+from microbot_ocp.planning.search._settings import LEAST_GAIN, SAME_OPTIMUM
 
 
 class Level(IntEnum):
@@ -30,7 +31,7 @@ class Level(IntEnum):
 # Largest share by which later levels are expected to reduce the duration. From coarse to finished,
 # all candidates of one task gain similar shares: 0.9 to 1.3 % for six orders of a Puma among
 # obstacles, 0.2 to 0.5 % for six of a Microbot.
-GAIN = {Level.COARSE: 0.01, Level.FULL: 1e-3, Level.SPLIT: 1e-4}
+GAIN = {Level.COARSE: 0.01, Level.FULL: SAME_OPTIMUM, Level.SPLIT: LEAST_GAIN}
 SPREAD = 1.5  # expected gain of other candidates, relative to the largest gain seen
 
 

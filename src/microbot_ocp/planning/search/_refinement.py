@@ -45,7 +45,6 @@ from microbot_ocp.planning.search._search import (
 from microbot_ocp.planning.search._settings import (
     LEAST_GAIN,
     MOST_ITERATIONS,
-    REPLACING_SLOWDOWN,
     SAME_OPTIMUM,
     SMOOTHING_COST_LIMIT,
     TIMED_PATH_BARRIER,
@@ -74,7 +73,6 @@ SMOOTHING_BARRIER = 1e-2  # barrier parameter of the first solve with increased 
 SMOOTHING_FACTORS = (1e6, 1e5, 1e4, 1e3, 1e2, 10.0, 1.0)
 SMOOTHING_ITERATIONS = 200  # iteration limit of each solve with increased smoothing
 TIMED_PATH_TOLERANCE = 1e-4  # solver tolerance among obstacles, relative
-RATED_GAP = 1e-4  # relative gap wanted under limits of jerks and torque rates
 USUAL_ITERATIONS = 100  # iteration limit of a full or refined mesh, and of the last step
 
 
@@ -115,7 +113,7 @@ def search_of(problem: MotionProblem, progress: StepProgress) -> MotionSearch:
 def wanted_gap(problem: MotionProblem) -> float:
     """Return the largest accepted gap between a solution and the optimum on its mesh, relative."""
     # Jerks and torque rates are third derivatives of the spline: rounding hides their last digits.
-    return RATED_GAP if problem.is_rated else GAP
+    return LEAST_GAIN if problem.is_rated else GAP
 
 
 # finer meshes ---------------------------------------------------------------------------------
@@ -408,10 +406,11 @@ def last_digits(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
     off its limits. A few iterations from the multipliers reduce the cost of this to almost zero.
     """
     refiner, solution = _going_on(subject), subject.solution
-    loose = not solution.gap.total <= REPLACING_SLOWDOWN * abs(solution.cost)
+    tolerance = search.settings.limit_tolerance
+    loose = not solution.gap.total <= tolerance * abs(solution.cost)
     if search.problem.timed_path is None:
         solution = refiner.finished(solution)
-    elif loose and search.worst(solution) <= search.settings.limit_tolerance:
+    elif loose and search.worst(solution) <= tolerance:
         solution = refiner.polished(solution, refiner.rounds)
     given = _kept(search, solution)
     return _finer(subject, LAST_DIGITS, Level.FINISHED, solution, refiner, **given)

@@ -22,7 +22,6 @@ from microbot_ocp.planning.search._branches import Way
 from microbot_ocp.planning.search._problem import MotionProblem
 from microbot_ocp.planning.search._queue import Level
 from microbot_ocp.planning.search._settings import (
-    REPLACING_SLOWDOWN,
     SAME_OPTIMUM,
     TimeOptimalSettings,
 )
@@ -221,8 +220,8 @@ def is_enough(problem: MotionProblem, solution: Solution) -> bool:
         return False
     if largest(problem.excess(solution)) <= problem.settings.limit_tolerance:
         return False
-    slower = problem.slowed(solution)
-    return slower is not None and slower.duration <= (1.0 + REPLACING_SLOWDOWN) * solution.duration
+    slower, tolerance = problem.slowed(solution), problem.settings.limit_tolerance
+    return slower is not None and slower.duration <= (1.0 + tolerance) * solution.duration
 
 
 def rank(search: MotionSearch, solution: Solution) -> tuple[bool, float]:
