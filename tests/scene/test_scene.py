@@ -25,7 +25,7 @@ from microbot_ocp.planning.search import (
     tool_poses,
 )
 from microbot_ocp.planning.task import Task, reach_of, task_of
-from microbot_ocp.scene import contact_model, room_along
+from microbot_ocp.scene import FIRST_SEARCHES, contact_model, room_along
 
 ARM = mo.load_robot("planar_3r")
 ARM = ARM.with_capsules(mo.robot.link_capsules(ARM))
@@ -267,7 +267,7 @@ def test_pairs_that_are_missed_are_put_in_and_it_is_solved_again(
     around, monkeypatch, samples: int
 ) -> None:
     # no pair comes so near on the path
-    monkeypatch.setattr(guided, "NEAR", 1e-3)
+    monkeypatch.setattr(guided, "NEAR", 0.0)
     monkeypatch.setattr(guided, "SAMPLES", samples)
     check_solved_again(around)
 
@@ -299,19 +299,21 @@ def test_a_coarse_motion_does_not_pass_through_thin_things_between_its_mesh_poin
 
 def planned(
     arm: mo.Robot, via: np.ndarray, progress: Any = quiet
-) -> tuple[LegPlanner, Task, list[Any]]:
-    """Return the planner of a task among obstacles after its searches, the task, and its paths."""
+) -> tuple[LegPlanner, Task, Any, Any]:
+    """Return the planner of a task among obstacles, the task, its way, and the leg of that."""
     settings = mo.planning.TimeOptimalSettings()
     request = SolveRequest(arm, None, list(via), None, False, settings, progress, scene=POST)
     planner, task = LegPlanner(request), request.task()
     planner.search([task])
-    return planner, task, planner.guides(task)
+    ((way, (leg,)),) = planner.ways(task)
+    return planner, task, way, leg
 
 
 @pytest.mark.thorough
 def test_a_path_gets_its_best_timing_where_its_bound_is_faster(around) -> None:
     arm = ARM.with_limits(taud_max=200.0)
-    planner, task, guides = planned(arm, ENDS)
+    planner, task, way, _ = planned(arm, ENDS)
+    guides = planner.guides_of(task, way)
     timed = planner.timed(task, guides[0])
     assert timed is not None
     assert timed.clearance.proved
@@ -322,11 +324,12 @@ def test_a_path_gets_its_best_timing_where_its_bound_is_faster(around) -> None:
 @pytest.mark.thorough
 def test_a_path_that_reachability_cannot_time_is_there_all_the_same() -> None:
     """It rests at its corners then, and was left out as slower than nothing."""
-    planner, task, _ = planned(ARM, ENDS)
-    ((_, (leg,)),) = planner.ways(task)
-    for way in leg.ways:
-        way.reached = way.motion = None
-    (guide,) = planner.guides(task)
+    planner, task, way, leg = planned(ARM, ENDS)
+    for number in range(FIRST_SEARCHES):
+        leg.search(number, quiet)
+    for found in leg.ways:
+        found.reached = found.motion = None
+    *_, guide = planner.guides_of(task, way)
     timed = planner.timed(task, guide)
     assert timed.motion.duration == leg.first_motion.duration
     assert mo.certify(ARM, timed.motion, via_q=ENDS, scene=POST).ok
@@ -449,9 +452,9 @@ def test_a_first_way_is_proved_before_others_are_looked_for(monkeypatch) -> None
     monkeypatch.setattr(place, lambda *given: searches.append(given[-1]) or usual(*given))
     progress = lambda event: told.append((str(event), len(searches)))  # noqa: E731
     via = np.array([[0.0, 0.0, 0.0], [0.6, 0.3, 0.0]])
-    planner, task, _ = planned(ARM, via, progress)
-    ((_, (leg,)),) = planner.ways(task)
+    planner, task, way, leg = planned(ARM, via, progress)
     assert leg.first_motion is not None
+    planner.guides_of(task, way)
     (count,) = {count for text, count in told if f"{leg.first_motion.duration:.4f} s, the" in text}
     assert count == 1 < len(searches)
     assert 0.0 < planner.first_certified < np.inf

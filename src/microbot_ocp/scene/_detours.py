@@ -28,8 +28,11 @@ from microbot_ocp.scene._scene import Scene, with_arm_capsules
 
 TURN = np.pi  # range beyond start and goal of joints without limits, rad
 USUAL_SPEED = 2.0  # assumed speed of joints without a speed limit, rad/s
-MOST_CHECKS = 40_000  # poses of one of the first searches; doubled with each later round
+FIRST_CHECKS = 2_500  # poses of the first search; each later one may check twice as many
 FIRST_SEARCHES = 4  # searches by RRT-Connect; after them all planners take turns
+# Longest edges of a planner's tree, shares of the extent of the joint space: short ones pass narrow
+# places, long ones find other sides of an obstacle. An edge is kept whole or not at all.
+EDGES = 0.04, 0.2
 PLANNERS = ("RRTConnect", "LBKPIECE1", "BKPIECE1")
 SHORTCUTS = 60
 BLENDS = (0.5, 0.35, 0.2, 0.1, 0.05, 0.02)  # sizes of a corner, relative to the shorter segment
@@ -171,8 +174,10 @@ def detour(
 def _searched(
     around: Surroundings, start: FloatArray, goal: FloatArray, seed: int, number: int
 ) -> Detour:
-    # Round -1 holds the first searches, all by RRT-Connect; later rounds use every planner once.
-    rounds, turn = divmod(max(number - FIRST_SEARCHES, -1), len(PLANNERS))
+    # Most problems need few poses and some need very many, so the first searches stay short. Every
+    # planner is used once before the number of poses is doubled again.
+    rounds, turn = divmod(max(number - FIRST_SEARCHES, 0), len(PLANNERS))
+    doublings = min(number, FIRST_SEARCHES) + rounds
     base, geometric, util = (
         needed(f"ompl.{name}", "a way around obstacles needs", "cell")
         for name in ("base", "geometric", "util")
@@ -180,8 +185,8 @@ def _searched(
     util.noOutputHandler()
     own_seed = (seed * FIRST_SEARCHES + number) % (2**32 - 1) + 1
     util.RNG.setSeed(own_seed)
-    planner_kind = getattr(geometric, PLANNERS[turn if rounds >= 0 else 0])
-    begun, most = around.checks, MOST_CHECKS * 2 ** (rounds + 1)
+    planner_kind = getattr(geometric, PLANNERS[turn])
+    begun, most = around.checks, FIRST_CHECKS * 2**doublings
     # OMPL's Euclidean metric is applied to weighted joints; locked joints leave the space.
     weights = _weights(around.robot)
     low, high = _bounds(around.robot, start, goal)
@@ -221,6 +226,7 @@ def _searched(
         ends.append(state)
     problem.setStartAndGoalStates(*ends, 1e-9)
     planner = planner_kind(information)
+    planner.setRange(EDGES[number % len(EDGES)] * space.getMaximumExtent())
     planner.setProblemDefinition(problem)
     planner.setup()
     # OMPL would wait for another start or goal without end if it rejects one of these.

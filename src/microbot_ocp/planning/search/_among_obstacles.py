@@ -22,13 +22,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from microbot_ocp._base import checks, deadline
-from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import interpreted
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LIMIT_TOLERANCE, LimitFamily
 from microbot_ocp.motion import Motion, PiecewisePolynomial, polynomial_of
 from microbot_ocp.planning.free import InitialGuess, excess_along, guess_along, phase_names
-from microbot_ocp.planning.search._branches import Way, least_time, ways_through
+from microbot_ocp.planning.search._branches import Way, bound_of, ways_through
 from microbot_ocp.planning.search._guided import (
     CoarseResult,
     FrontFunction,
@@ -56,7 +56,6 @@ from microbot_ocp.planning.search._orders import (
 from microbot_ocp.planning.search._queue import Level, best_first
 from microbot_ocp.planning.search._result import (
     LEFT_OUT,
-    keep_faster,
     remark_of_branches,
     row_of_way,
     taken_first,
@@ -70,13 +69,12 @@ from microbot_ocp.robot import Capsule, Robot
 from microbot_ocp.scene import (
     FIRST_SEARCHES,
     Clearance,
+    Scene,
     Surroundings,
     clearance_along,
     with_arm_capsules,
 )
 from microbot_ocp.trajectories import quintic, shortest_duration
-
-MOST_GUESSES = 4  # largest number of timed ways from which a search starts
 
 
 def stops_among(request: SolveRequest) -> Motion:
@@ -131,6 +129,8 @@ class GuidedWay(NamedTuple):
         Leg of every free segment.
     choice : int
         Number of the path that every leg takes.
+    rest_duration : float
+        Duration from rest to rest, s, with dwells.
     """
 
     way: Way
@@ -139,15 +139,22 @@ class GuidedWay(NamedTuple):
     name: str
     legs: list[Leg | None]
     choice: int
+    rest_duration: float
+
+
+MOST_SEARCHES = FIRST_SEARCHES + 3  # searches for each leg of a way if none leads to a motion
 
 
 @dataclass(frozen=True, eq=False)
 class _Guided:
-    """A way around obstacles as a candidate of the queue."""
+    """A way as a candidate of the queue: without a path, or along one around obstacles."""
 
-    guide: GuidedWay
+    way: Way
     duration: float
     level: Level = Level.BOUND
+    guide: GuidedWay | None = None
+    searches: int = FIRST_SEARCHES
+    paths: int = 0  # number of paths of the way that are candidates of their own
     solved: bool = True
     front: Front = field(default_factory=lambda: ([], ""))
     proofs: list[Clearance | None] = field(default_factory=list)
@@ -169,20 +176,35 @@ class _OrderAmongObstacles:
 
     def __init__(self, request: SolveRequest, legs: LegPlanner, task: Task) -> None:
         self._request, self.task, self._scene, self._legs = request, task, legs.scene, legs
-        self._guided = legs.guides(task)
-        times = [guide.durations for guide in self._guided]
-        self.rest_duration = min(
-            (rest_duration_of(task, durations) for durations in times), default=np.inf
-        )
-        self.optimistic_duration = min(
-            (optimistic_duration_of(task, durations) for durations in times), default=np.inf
-        )
+        legs.search([task])
         self._coarse_results: dict[str, CoarseResult] = {}
+
+    @cached_property
+    def _timed(self) -> list[GuidedWay]:
+        """Paths of all ways whose lower bound is below the best timing from rest to rest."""
+        guides, least = list[GuidedWay](), np.inf
+        for way, _ in self._legs.ways(self.task):
+            if bound_of(self.task, way) + float(self.task.dwells.sum()) < least:
+                guides += self._legs.guides_of(self.task, way)
+                least = min((guide.rest_duration for guide in guides), default=np.inf)
+        return guides
+
+    @property
+    def rest_duration(self) -> float:
+        """Least duration from rest to rest, s; infinite if no way was found."""
+        return min((guide.rest_duration for guide in self._timed), default=np.inf)
+
+    @property
+    def optimistic_duration(self) -> float:
+        """Estimate of the least duration from below, s; infinite if no way was found."""
+        times = (optimistic_duration_of(self.task, guide.durations) for guide in self._timed)
+        return min(times, default=np.inf)
 
     @cached_property
     def _fallback(self) -> ProvedPath | None:
         """Fastest way that rests at every stop, within all limits and proved clear, or None."""
-        timed = (self._legs.timed(self.task, guide) for guide in self._guided)
+        guides = sorted(self._legs.guides(self.task), key=lambda guide: guide.rest_duration)
+        timed = (self._legs.timed(self.task, guide) for guide in guides)
         found = next((path for path in timed if path is not None), None)
         return found or self._legs.known.get(self.task)
 
@@ -205,23 +227,16 @@ class _OrderAmongObstacles:
                 self._coarse_results[guide.name] = self._search(guide).coarse_result()
         return self._coarse_results.get(guide.name)
 
-    @cached_property
-    def _first_paths(self) -> dict[Way, GuidedWay]:
-        """The fastest timed path of each way."""
-        paths: dict[Way, GuidedWay] = {}
-        for guide in self._guided:
-            paths.setdefault(guide.way, guide)
-        return paths
-
     def coarse_duration(self, duration_to_beat: float) -> float:
         """Return the least coarse duration of all ways on their fastest paths, s, with dwells."""
         dwell_time, least = float(self.task.dwells.sum()), np.inf
-        for guide in self._first_paths.values():
+        for way, _ in self._legs.ways(self.task):
             most = min(duration_to_beat - dwell_time, least)
-            if least_time(self.task, guide.way) > most or (np.isfinite(most) and deadline.over()):
+            if bound_of(self.task, way) > most or (np.isfinite(most) and deadline.over()):
                 continue
-            result = self._coarse(guide)
-            least = min(least, np.inf if result is None else result.duration)
+            for guide in self._legs.guides_of(self.task, way)[:1]:
+                result = self._coarse(guide)
+                least = min(least, np.inf if result is None else result.duration)
         return least + dwell_time
 
     def motion(self) -> Motion:
@@ -235,17 +250,19 @@ class _OrderAmongObstacles:
         """
         found = self._found(front_of)
         # A solved and clear motion that is faster than any timed path needs no fallback.
-        best = found is not None and found.keeps_limits and found.duration <= self.rest_duration
+        guides = self._legs.guides(self.task)
+        rested = min((guide.rest_duration for guide in guides), default=np.inf)
+        best = found is not None and found.keeps_limits and found.duration <= rested
         fallback = None if best else self._fallback
         front, proofs = (([], ""), []) if found is None else (found.front, found.proofs)
-        branches = [] if found is None else self._branches(found.guide.way)
+        branches = [] if found is None else self._branches(found.way)
         judged: list[tuple[float, Motion]] = []
         for place, ((effort, motion), proof) in enumerate(zip(front[0], proofs, strict=True)):
             remark = one_remark(remark_of_branches(branches), motion.remark)
             motion = replace(_with(motion, branches=branches), remark=remark)
             # Only the fastest motion has a fallback: motions of less effort start from the fastest.
             if place == 0 and (fallback is not None or is_clear(proof)):
-                motion = at_least(fallback, motion, proof)
+                motion = at_least(fallback, motion, proof, self._request.duration)
                 effort = np.nan if "made_from" in motion.provenance else effort
             elif proof is None or not proof.proved:
                 motion = self._not_found(motion, proof)
@@ -253,63 +270,79 @@ class _OrderAmongObstacles:
                 motion = _with(motion, clearance=as_plain(proof))
             judged.append((effort, motion))
         if not judged and fallback is not None:
-            judged = [(np.nan, at_least(fallback, None, None))]
+            judged = [(np.nan, at_least(fallback, None, None, self._request.duration))]
         elif not judged:
             judged = [(np.nan, self._not_found(None, None))]
-        paths = [
-            {"start": guide.name, "duration": rest_duration_of(self.task, guide.durations)}
-            for guide in self._guided
-        ]
+        paths = [{"start": guide.name, "duration": guide.rest_duration} for guide in guides]
         about = {"scene": list(self._scene.names), "paths": paths, **self._legs.times}
         return [(effort, _with(motion, **about)) for effort, motion in judged], front[1]
 
     def _found(self, front_of: FrontFunction | None) -> _Guided | None:
         """Return the way with the best of the requested motions, or None."""
 
-        def raised(guided: _Guided, _: float) -> list[_Guided]:
-            result = self._coarse(guided.guide)
+        def raised(candidate: _Guided, _: float) -> list[_Guided]:
+            way, guide = candidate.way, candidate.guide
+            if guide is None:
+                guides = self._legs.guides_of(self.task, way, candidate.searches)
+                new = guides[candidate.paths :]
+                along = [self._along(guide, guide is new[0]) for guide in new]
+                if candidate.searches == MOST_SEARCHES:
+                    return along
+                # Further paths are searched for only if no way leads to a motion.
+                further = {"searches": candidate.searches + 1, "paths": len(guides)}
+                return [*along, replace(candidate, solved=False, **further)]
+            result = self._coarse(guide)
             if result is None:
                 return []
-            if guided.level is Level.BOUND:
-                return [replace(guided, level=Level.COARSE, duration=result.duration)]
-            front, proofs = self._search(guided.guide).motions(front_of, result)
+            if candidate.level is Level.TIMED:
+                # Poses of a redundant arm slide: several ways may lead to one optimum, which is
+                # refined again only if nothing else leads to a motion.
+                others = (other for other in self._coarse_results.values() if other is not result)
+                coarse = {"level": Level.COARSE, "duration": result.duration}
+                coarse |= {"solved": not any(map(result.is_optimum_of, others))}
+                return [replace(candidate, **coarse)]
+            front, proofs = self._search(guide).motions(front_of, result)
             if not front[0]:
                 return []
             motion, proof = front[0][0][1], proofs[0]
             solved = motion.solved and is_clear(proof)
             given = {"duration": motion.duration, "solved": solved, "front": front}
-            return [replace(guided, level=Level.FINISHED, proofs=proofs, **given)]
+            return [replace(candidate, level=Level.FINISHED, proofs=proofs, **given)]
 
-        finished = best_first(map(self._candidate, self._guided), raised)
+        ways = [way for way, _ in self._legs.ways(self.task)]
+        finished = best_first((_Guided(way, bound_of(self.task, way)) for way in ways), raised)
         return min(finished, key=lambda guided: guided.rank, default=None)
 
-    def _candidate(self, guide: GuidedWay) -> _Guided:
+    def _along(self, guide: GuidedWay, is_first: bool) -> _Guided:
         """Return a path around obstacles as a candidate.
 
         A motion may be far faster than the timing of its path from rest to rest. The first path of
-        each way is therefore bounded by velocities; other paths of the way count by their timing.
+        each way is therefore bounded like the way; its other paths count by their timing.
         """
-        if guide is self._first_paths[guide.way]:
-            return _Guided(guide, least_time(self.task, guide.way))
         timed = optimistic_duration_of(self.task, guide.durations, share=1.0)
-        return _Guided(guide, timed - float(self.task.dwells.sum()))
+        least = bound_of(self.task, guide.way)
+        duration = least if is_first else timed - float(self.task.dwells.sum())
+        return _Guided(guide.way, duration, Level.TIMED, guide)
 
     def _branches(self, taken: Way) -> list[dict[str, Any]]:
         """Return the coarse duration of every way through the branches, the taken one first."""
-        rows: dict[str, dict[str, Any]] = {}
-        dwell_time = float(self.task.dwells.sum())
-        for guide in self._guided:
-            way, coarse_result = guide.way, self._coarse_results.get(guide.name)
-            if coarse_result is None:
-                least = least_time(self.task, way) + dwell_time
-                row = row_of_way(way, None, LEFT_OUT, way is taken, at_least=least)
-            else:
-                solved = bool(np.isfinite(coarse_result.duration))
-                status = str(Status.SOLVED if solved else Status.FAILED)
-                duration = coarse_result.duration + dwell_time if solved else None
-                row = row_of_way(way, duration, status, way is taken)
-            keep_faster(rows, way, row)
-        return sorted(rows.values(), key=taken_first)
+        rows = list[dict[str, Any]]()
+        dwell_time, guides = float(self.task.dwells.sum()), self._legs.guides(self.task)
+        for way, legs in self._legs.ways(self.task):
+            tried = [self._coarse_results.get(guide.name) for guide in guides if guide.way is way]
+            durations = [result.duration for result in tried if result is not None]
+            least = min(durations, default=np.inf)
+            given: tuple[float | None, str] = None, str(Status.FAILED)
+            more = dict[str, float]()
+            if np.isfinite(least):
+                given = least + dwell_time, str(Status.SOLVED)
+            elif not durations and not any(leg and leg.is_blocked for leg in legs):
+                given, more = (
+                    (None, LEFT_OUT),
+                    {"at_least": bound_of(self.task, way) + dwell_time},
+                )
+            rows.append(row_of_way(way, *given, way is taken, **more))
+        return sorted(rows, key=taken_first)
 
     def _not_found(self, attempt: Motion | None, proof: Clearance | None) -> Motion:
         """Return a motion that ignores the obstacles, with the status "not found"."""
@@ -389,11 +422,13 @@ class LegPlanner:
         self._surroundings: dict[Any, Surroundings] = {}
         self._legs: dict[Any, Leg] = {}
         self._ways: dict[Task, list[tuple[Way, list[Leg | None]]]] = {}
+        self._guides: dict[tuple[Task, Way], list[GuidedWay]] = {}
 
     def search(self, tasks: Sequence[Task]) -> None:
         """Search for paths between the stops of several tasks until one has a complete way.
 
-        The first complete way is proved at once, so that a certified motion is known early.
+        The first complete way is proved at once, so that a certified motion is known early. If a
+        motion is known, the search ends after the usual number of searches.
         """
         for task in tasks:
             carried = [capsule.name for held in task.robots for _, capsule in held.capsules]
@@ -407,29 +442,25 @@ class LegPlanner:
                 refused = refused or problem
         if refused is not None and not ways:
             raise refused
-        ways.sort(key=lambda each: least_time(*each[:2]))
-        with reserving():
-            self._search_ways(ways)
-        self.planning = time.perf_counter() - self._begin
-
-    def _search_ways(self, ways: Sequence[tuple[Task, Way, list[Leg | None]]]) -> None:
-        complete = set[Way]()
+        ways.sort(key=lambda each: bound_of(*each[:2]))
         for number in itertools.count():
+            complete = False
             for task, way, legs in ways:
-                for leg in filter(None, legs):
-                    # A search without a path takes the longest: it is repeated only while no way
-                    # is complete.
-                    if not (leg.searches and leg.first_motion is None and complete):
-                        leg.search(number, self._progress)
-                    if deadline.over():
-                        return
-                if way not in complete and all(not leg or leg.first_motion for leg in legs):
-                    complete.add(way)
+                self._search_legs([leg for leg in legs if leg and not leg.first_motion], [number])
+                if all(not leg or leg.first_motion for leg in legs):
+                    complete = True
                     self._prove_first(task, way, legs)
-            # One complete way ends the searches; without one they go on, because a path may be
-            # found by the next seed.
-            if complete and number + 1 >= FIRST_SEARCHES:
+            # The next seed may find a path, so without a complete way the searches go on.
+            if complete or (self.known and number + 1 >= FIRST_SEARCHES) or deadline.over():
                 return
+
+    def _search_legs(self, legs: Iterable[Leg], numbers: Sequence[int]) -> None:
+        begin = time.perf_counter()
+        with reserving():
+            for leg, number in itertools.product(legs, numbers):
+                if not deadline.over():
+                    leg.search(number, self._progress)
+        self.planning += time.perf_counter() - begin
 
     def _prove_first(self, task: Task, way: Way, legs: Sequence[Leg | None]) -> None:
         """Prove the first timed paths of a way, unless a motion is known."""
@@ -462,7 +493,7 @@ class LegPlanner:
     def clear_ways(self, task: Task) -> list[tuple[Way, list[Surroundings]]]:
         """Return ways without contact at the stops, with the obstacles of each segment."""
         clear, refused = [], []
-        for way in ways_through(task):
+        for way in ways_through(task, partial(self._is_free, task)):
             places = self._places(task, way)
             blocked = _blocked(task, places, way)
             if blocked:
@@ -473,24 +504,31 @@ class LegPlanner:
             raise InputError(refused[0])
         return clear
 
+    def _is_free(self, task: Task, index: int, q: FloatArray) -> bool:
+        """Return True if the arm is free in a pose [n] at a stop, apart from parts put down."""
+        payloads = {task.payloads[k] for k in (index - 1, index) if 0 <= k < len(task.payloads)}
+        robots = [payload.on(task.robot) for payload in payloads]
+        return all(self._among(robot, self.scene).is_free(q) for robot in robots)
+
     def _places(self, task: Task, way: Way) -> list[Surroundings]:
         """Return the obstacles of every segment of a way; equal surroundings are one object.
 
         Collision models are expensive to build, and surroundings are part of the key of a leg.
         """
-        places = []
         scenes = scenes_of(task, self.scene, tool_poses(task.robot, way.via))
-        for payload, scene in zip(task.payloads, scenes, strict=True):
-            robot = payload.on(task.robot)
-            # Obstacles beyond the given ones are parts that the arm has put down.
-            lying = [c for c in scene.obstacles[len(self.scene.obstacles) :] if type(c) is Capsule]
-            parts = tuple((c.name, c.start.tobytes(), c.end.tobytes(), c.radius) for c in lying)
-            # All segments share the given obstacles, so the lying parts complete the key.
-            key = robot, parts, scene.ignore
-            if key not in self._surroundings:
-                self._surroundings[key] = Surroundings(robot, scene.without_parts_of(robot))
-            places.append(self._surroundings[key])
-        return places
+        rows = zip(task.payloads, scenes, strict=True)
+        return [self._among(payload.on(task.robot), scene) for payload, scene in rows]
+
+    def _among(self, robot: Robot, scene: Scene) -> Surroundings:
+        """Return an arm with its payload in a scene, the given one with parts put down."""
+        # Obstacles beyond the given ones are parts that the arm has put down.
+        lying = [c for c in scene.obstacles[len(self.scene.obstacles) :] if type(c) is Capsule]
+        parts = tuple((c.name, c.start.tobytes(), c.end.tobytes(), c.radius) for c in lying)
+        # All segments share the given obstacles, so the lying parts complete the key.
+        key = robot, parts, scene.ignore
+        if key not in self._surroundings:
+            self._surroundings[key] = Surroundings(robot, scene.without_parts_of(robot))
+        return self._surroundings[key]
 
     def _legs_of(self, task: Task, way: Way, places: Sequence[Surroundings]) -> list[Leg | None]:
         legs: list[Leg | None] = []
@@ -503,26 +541,22 @@ class LegPlanner:
         return legs
 
     def guides(self, task: Task) -> list[GuidedWay]:
-        """Return ways with their free segments around the obstacles, the fastest first.
+        """Return the guided ways of a task that are known so far, see :meth:`guides_of`."""
+        return [guide for way, _ in self.ways(task) for guide in self._guides.get((task, way), ())]
 
-        The list is empty if every way has a leg without a path.
+    def guides_of(self, task: Task, way: Way, searches: int = FIRST_SEARCHES) -> list[GuidedWay]:
+        """Return a way around the obstacles, along all paths after some searches for every leg.
+
+        The paths of one call are sorted by their durations and follow those of earlier calls. The
+        list is empty if a leg of the way has no path.
         """
-        names = phase_names(len(task.segments))
-        choices: list[tuple[float, int, Way, list[Leg | None], int]] = []
-        for number, (way, legs) in enumerate(self.ways(task)):
-            usual = self._usual(task, way)
-            for choice in choices_of(list(filter(None, legs))):
-                rows = zip(legs, usual, strict=True)
-                # Obstacles do not bend a segment with a kind, such as a tool line: its timing is
-                # the same for all choices.
-                bounds = [leg.bound(choice) if leg else s and s.duration for leg, s in rows]
-                choices.append((rest_duration_of(task, bounds), number, way, legs, choice))
-        guides: list[GuidedWay] = []
-        # Lower bounds are cheap and timings are not: only the best few choices are timed.
-        for _, _, way, legs, choice in sorted(choices, key=lambda entry: entry[:2]):
-            if guides and (deadline.over() or len(guides) == MOST_GUESSES):
-                break
-            usual = self._usual(task, way)
+        known, guides = self._guides.setdefault((task, way), []), list[GuidedWay]()
+        legs = next(legs for other, legs in self.ways(task) if other is way)
+        free = [leg for leg in legs if leg]
+        names, usual = phase_names(len(task.segments)), self._usual(task, way)
+        self._search_legs(free, range(searches))
+        choices = choices_of(free)
+        for choice in sorted(choices, key=lambda choice: sum(leg.bound(choice) for leg in free)):
             motions = [leg and leg.guess(choice) for leg in legs]
             if any(leg and not motion for leg, motion in zip(legs, motions, strict=True)):
                 continue
@@ -531,16 +565,18 @@ class LegPlanner:
                 for name, motion in zip(names, motions, strict=True)
                 if motion
             }
+            # Obstacles do not bend a segment with a kind, such as a tool line: its timing is the
+            # same for all choices.
             moves = [shapes.get(name, line) for name, line in zip(names, usual, strict=True)]
             durations = [None if shape is None else shape.duration for shape in moves]
             total = rest_duration_of(task, durations)
-            if differs(
-                total, (rest_duration_of(task, g.durations) for g in guides if g.way is way)
-            ):
-                name = f"{way.name}, around {len(guides) + 1}"
-                guides.append(GuidedWay(way, shapes, durations, name, legs, choice))
+            if differs(total, (guide.rest_duration for guide in (*known, *guides))):
+                name = f"{way.name}, around {len(known) + len(guides) + 1}"
+                guides.append(GuidedWay(way, shapes, durations, name, legs, choice, total))
                 self._progress(f"{way.name}: {total:.4f} s around the obstacles from rest to rest")
-        return sorted(guides, key=lambda guide: rest_duration_of(task, guide.durations))
+        guides.sort(key=lambda guide: guide.rest_duration)
+        known += guides
+        return known
 
     def _usual(self, task: Task, way: Way) -> tuple[PiecewisePolynomial | None, ...]:
         """Return the best timing of every segment along its own path, or None."""

@@ -12,12 +12,19 @@ import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.status import Status
-from microbot_ocp.inverse_kinematics import IKPath, IKSolution, follow_ik, solve_ik_all
+from microbot_ocp.inverse_kinematics import (
+    IKPath,
+    IKSolution,
+    follow_ik,
+    solve_ik_all,
+    solve_ik_each,
+)
 from microbot_ocp.limits import MotionSamples
 from microbot_ocp.motion import PiecewisePolynomial, polynomial_of
 from microbot_ocp.planning.path import time_path
@@ -41,6 +48,8 @@ ROWS = 33  # poses at which a tool line is followed
 SAME_BRANCH = 0.05  # largest joint difference of two poses on one branch, rad (m)
 APART = 0.9  # largest joint difference at the stops of two ways to one optimum, rad (m)
 MOST_WAYS = 12
+SLIDING = 1.03  # largest ratio of the bounds of two poses of a redundant arm that slides
+FURTHER_POSES = 64  # poses at random of a redundant arm at a stop among obstacles
 REDUNDANT = 1e-4  # singular value of the tool Jacobian of a redundant direction, per reach
 Poses = list[FloatArray]  # one joint pose [n] per branch
 Picks = tuple[int, ...]  # number of the branch at each stop
@@ -81,8 +90,12 @@ def straight_way(via: FloatArray) -> Way:
     return Way(via, tuple(paths), (1,) * len(via))
 
 
-def ways_through(task: Task) -> list[Way]:
+def ways_through(task: Task, is_free: Callable[[int, FloatArray], bool] | None = None) -> list[Way]:
     """Return ways through every branch of every stop, the shortest estimated duration first.
+
+    ``is_free`` tells, of the number of a stop and a pose [n], if the arm touches nothing there. A
+    redundant arm then has further poses at the stop, from which the free ones are chosen. A stop
+    without a free pose keeps all its branches.
 
     Raises
     ------
@@ -90,6 +103,10 @@ def ways_through(task: Task) -> list[Way]:
         A stop is out of reach, or no branch follows a tool line.
     """
     nodes = [list(_branches(task.robot, stop)) for stop in task.stops]
+    if is_free is not None:
+        more = (_spread_poses(task.robot, stop) for stop in task.stops)
+        free = ([q for q in poses if is_free(k, q)] for k, poses in enumerate(more))
+        nodes = [poses or every for poses, every in zip(free, nodes, strict=True)]
     nodes = [_held_at_rest(task, index, poses) for index, poses in enumerate(nodes)]
     if task.cycle:
         nodes[-1] = nodes[0] = _held_at_rest(task, len(nodes) - 1, nodes[0])
@@ -126,6 +143,7 @@ def _free(starts: Poses, ends: Poses) -> Joined:
 # branches of a stop -------------------------------------------------------------------------------
 
 
+@lru_cache(maxsize=256)
 def few_poses(robot: Robot, stop: Stop) -> FloatArray | None:
     """Return the joint poses [k,n] of a stop, rad (m); None if there are infinitely many.
 
@@ -168,6 +186,23 @@ def _branches(robot: Robot, stop: Stop) -> tuple[FloatArray, ...]:
     if not poses:
         raise InputError(_out_of_reach(robot, stop, missed))
     return tuple(poses)
+
+
+@lru_cache(maxsize=256)
+def _spread_poses(robot: Robot, stop: Stop) -> tuple[FloatArray, ...]:
+    """Return the branches at a stop, and further poses at random if there are infinitely many."""
+    branches = _branches(robot, stop)
+    if few_poses(robot, stop) is not None:
+        return branches
+    place, turned = stop.pose(robot)
+    low, high = (np.clip(bound, -np.pi, np.pi) for bound in robot.limits.bounds("q"))
+    seeds = np.random.default_rng(0).uniform(low, high, (FURTHER_POSES, robot.joint_count))
+    orientations: Any = None
+    if turned is not None:
+        about_axis = itertools.cycle(_turned(turned, stop.free_axis))
+        orientations = list(itertools.islice(about_axis, FURTHER_POSES))
+    found = solve_ik_each(robot, np.tile(place, (FURTHER_POSES, 1)), orientations, seeds)
+    return (*branches, *(solution.q for solution in found if solution.solved))
 
 
 def _held_at_rest(task: Task, index: int, poses: Poses) -> Poses:
@@ -480,8 +515,35 @@ def _realised(task: Task, nodes: list[Poses], edges: list[Joined], picks: Picks)
 
 
 def least_time(task: Task, way: Way) -> float:
-    """Return the duration of a way at the velocity limits, s, without dwells."""
-    return _time(way, np.maximum(-task.robot.limits.qd_min, task.robot.limits.qd_max))
+    """Return the duration of a way at the velocity and acceleration limits, s, without dwells.
+
+    On each segment the joint that takes longest counts, alone: from rest it needs the time
+    v / (2 a) more than at its highest velocity v, or has not reached it after d = v^2 / (2 a).
+    """
+    limits = task.robot.limits
+    speed, most = (np.abs(limits.bounds(name)).max(axis=0) for name in ("qd", "qdd"))
+    exact = [stop.slack if stop.q is not None else 0.0 for stop in task.stops]
+    total = 0.0
+    for k, (start, end) in enumerate(itertools.pairwise(way.via)):
+        rests = int(task.at_rest(k)) + int(task.at_rest(k + 1))
+        way_left = np.maximum(np.abs(end - start) - exact[k] - exact[k + 1], 0.0)
+        moving = way_left > 0.0
+        if moving.any():
+            d, v, a = way_left[moving], speed[moving], most[moving]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                at_most = np.where(np.isinf(a), 0.0, rests * v / (2.0 * a))  # s beyond d / v
+                times = np.where(d >= v * at_most, d / v + at_most, np.sqrt(2.0 * rests * d / a))
+            total += float(times.max())
+    return total
+
+
+def bound_of(task: Task, way: Way) -> float:
+    """Return a duration that no motion on a way beats, s, without dwells.
+
+    A redundant or tolerant stop may move its pose, so there the bound is divided by a factor.
+    """
+    exact = all(few_poses(task.robot, stop) is not None for stop in task.stops)
+    return least_time(task, way) / (1.0 if exact else SLIDING)
 
 
 def _time(way: Way, speeds: FloatArray) -> float:

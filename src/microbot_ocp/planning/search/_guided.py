@@ -21,11 +21,12 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.limits import LIMIT_TOLERANCE, Limit, LimitFamily
 from microbot_ocp.motion import Motion, PiecewisePolynomial, polynomial_of
 from microbot_ocp.planning.free import InitialGuess, phase_shapes
-from microbot_ocp.planning.search._branches import Way
+from microbot_ocp.planning.search._branches import SAME_BRANCH, Way
 from microbot_ocp.planning.search._queue import Level
 from microbot_ocp.planning.search._refinement import best_of, resumed, search_of
-from microbot_ocp.planning.search._result import fastest, motion_from
+from microbot_ocp.planning.search._result import fastest, motion_from, poses_at
 from microbot_ocp.planning.search._search import MotionAnswer, MotionSearch, SearchState
+from microbot_ocp.planning.search._settings import SAME_OPTIMUM
 from microbot_ocp.planning.search._starts import explore, explore_mesh, full_mesh
 from microbot_ocp.planning.search._stop_motion import (
     places_along,
@@ -223,6 +224,15 @@ class CoarseResult:
         answer = best_of(self.search, self.state)
         return answer.solution.duration if answer.solved else np.inf
 
+    def is_optimum_of(self, other: CoarseResult) -> bool:
+        """Return True if another result is the same optimum: as fast, through the same poses."""
+        if not abs(self.duration - other.duration) <= SAME_OPTIMUM * other.duration:
+            return False
+        ours, theirs = (
+            poses_at(best_of(result.search, result.state).solution) for result in (self, other)
+        )
+        return bool(np.abs(ours - theirs).max() <= SAME_BRANCH)
+
 
 @dataclass(frozen=True, eq=False)
 class GuidedSearch:
@@ -304,11 +314,17 @@ class GuidedSearch:
         proofs = list[Clearance | None]()
         with suppress(deadline.Over):
             now = coarse_result or self.coarse_result()
+            known: tuple[Motion, Clearance] | None = None  # fastest motion that is proved clear
             for _ in range(MOST_REPEATS + 1):
                 answer: MotionAnswer | None = None
                 if front_of is None:
-                    motion, proof, answer = self._fastest(now)
+                    tried, answer = self._fastest(now)
+                    motion, proof = tried[0]
+                    clear = [(motion, proof) for motion, proof in tried if is_clear(proof)]
+                    known = min([*clear, *([known] if known else [])], key=_duration, default=None)
                     front, proofs = ([(0.0, motion)], ""), [proof]
+                    if known and known[0].duration <= (1.0 + SAME_OPTIMUM) * motion.duration:
+                        break
                 else:
                     front = front_of(now.search, now.state)
                     proofs = [self._proof(motion) for _, motion in front[0]]
@@ -323,24 +339,29 @@ class GuidedSearch:
                 self.request.progress(LARGER_DISTANCES)
                 # A missing pair let the motion pass through a body: its neighbourhood is useless.
                 now = self._again(more, now.finer, None if left_out else answer)
+            if known:
+                front, proofs = ([(0.0, known[0])], ""), [known[1]]
         return front, proofs
 
-    def _fastest(self, now: CoarseResult) -> tuple[Motion, Clearance | None, MotionAnswer]:
+    def _fastest(
+        self, now: CoarseResult
+    ) -> tuple[list[tuple[Motion, Clearance | None]], MotionAnswer]:
         """Return the fastest motion or that of least effort, with the proof that it keeps clear.
 
-        If only the answer before the last digits is proved, that one is returned: the last digits
-        move the arm nearer to the obstacles.
+        If it is not proved, the motion before its last digits follows: the last digits move the arm
+        nearer to the obstacles.
         """
         best = fastest(now.search, now.state, duration=self.request.duration)
         answers, before = [best.answer], best.answer.before
         if best.answer.level is Level.FINISHED and before is not None:
             answers += [before] if before.solution is not best.answer.solution else []
+        tried = list[tuple[Motion, Clearance | None]]()
         for answer in answers:
             motion = motion_from(replace(best, answer=answer))
-            proof = self._proof(motion)
-            if is_clear(proof):
+            tried.append((motion, self._proof(motion)))
+            if is_clear(tried[-1][1]):
                 break
-        return motion, proof, answer
+        return tried, best.answer
 
     def _again(
         self, around: RequiredDistances, finer: int, refused: MotionAnswer | None
@@ -385,6 +406,10 @@ class GuidedSearch:
             around, _, more_left_out = around.after(along, NEAR)
             left_out = left_out or more_left_out
         return around, left_out
+
+
+def _duration(proved: tuple[Motion, Clearance]) -> float:
+    return proved[0].duration
 
 
 def is_clear(proof: Clearance | None) -> TypeGuard[Clearance]:

@@ -27,13 +27,12 @@ from microbot_ocp.ocp.solution import StepProgress, quiet
 from microbot_ocp.planning.free import joined
 from microbot_ocp.planning.path import LATER, PathTiming, check_path, time_path
 from microbot_ocp.planning.search._guided import is_clear
-from microbot_ocp.planning.search._result import LATE, NONE_WITHIN, returned
+from microbot_ocp.planning.search._result import LATE, NONE_WITHIN, returned, too_late
 from microbot_ocp.planning.search._settings import TimeOptimalSettings
 from microbot_ocp.planning.task import length_text
 from microbot_ocp.planning.timing import PathTimingSettings, best_timing
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import (
-    FIRST_SEARCHES,
     Clearance,
     Detour,
     Surroundings,
@@ -143,12 +142,16 @@ class Leg:
     refused: bool = False
     searches: int = 0
 
+    @property
+    def is_blocked(self) -> bool:
+        """True if no search found a way that is feasible within the limits."""
+        return self.searches > 0 and self.first_motion is None
+
     def search(self, number: int, progress: StepProgress) -> None:
         """Make the search with this number, unless it was made before or is needless."""
         routes = [*(way.detour for way in self.ways), *self.failed]
-        straight = any(candidate.name == "straight" for candidate in routes)
-        # A free straight path, or a motion after the first searches, makes this search needless.
-        if number < self.searches or straight or (number >= FIRST_SEARCHES and self.first_motion):
+        # A free straight path makes further searches needless.
+        if number < self.searches or any(route.name == "straight" for route in routes):
             return
         self.searches = number + 1
         candidate = detour(self.around, self.start, self.goal, self.settings.seed, number)
@@ -222,8 +225,13 @@ def differs(duration: float, others: Iterable[float]) -> bool:
     return all(abs(duration - other) > DIFFERENT * other for other in others)
 
 
-def at_least(fallback: ProvedPath | None, motion: Motion | None, proof: Clearance | None) -> Motion:
-    """Return the motion of a search, or else the fallback.
+def at_least(
+    fallback: ProvedPath | None,
+    motion: Motion | None,
+    proof: Clearance | None,
+    wanted: float | None = None,
+) -> Motion:
+    """Return the motion of a search, or else the fallback, under a wanted duration, s, if any.
 
     The motion counts if it is proved clear, and is faster than the fallback or of less effort.
     """
@@ -239,6 +247,8 @@ def at_least(fallback: ProvedPath | None, motion: Motion | None, proof: Clearanc
             return motion.ended(outcome, clearance=as_plain(proof))
     assert fallback is not None
     outcome = _outcome_of(fallback, motion, proof)
+    if outcome.solved and wanted is not None and fallback.motion.duration > wanted:
+        outcome = replace(too_late(wanted, fallback.motion.duration), ledger=outcome.ledger)
     remark = f"{fallback.made_from}: {outcome.text}"
     if not outcome.solved:
         outcome = outcome.and_(returned(fallback.made_from))
@@ -257,7 +267,8 @@ def _outcome_of(fallback: ProvedPath, motion: Motion | None, proof: Clearance | 
     if slower and outcome.status is Status.LIMITS_EXCEEDED:  # the faster path keeps the limits
         outcome = Outcome.of(Status.SOLVED, NOTHING_FASTER)
     if is_clear(proof):
-        outcome = Outcome.of(outcome.status, NOTHING_FASTER)
+        late = outcome.status is Status.INFEASIBLE  # only for the wanted duration
+        outcome = Outcome.of(Status.SOLVED if late else outcome.status, NOTHING_FASTER)
         if deadline.over():
             outcome = Outcome.of(deadline.status())
     elif proof is not None:

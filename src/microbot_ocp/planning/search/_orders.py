@@ -33,18 +33,17 @@ Places = tuple[int, ...]
 
 
 class OrderedTask(Protocol):
-    """A task with its stops in one order.
+    """A task with its stops in one order."""
 
-    Attributes
-    ----------
-    rest_duration : float
-        Best timing from rest to rest, s; infinite if no way was found.
-    optimistic_duration : float
-        Assumed lower bound on the duration of a motion, s; infinite if no way was found.
-    """
+    @property
+    def rest_duration(self) -> float:
+        """Best timing from rest to rest, s; infinite if no way was found."""
+        ...
 
-    rest_duration: float
-    optimistic_duration: float
+    @property
+    def optimistic_duration(self) -> float:
+        """Assumed lower bound on the duration of a motion, s; infinite if no way was found."""
+        ...
 
     def coarse_duration(self, duration_to_beat: float) -> float:
         """Return the best coarse duration, s; ways above ``duration_to_beat``, s, are skipped."""
@@ -172,7 +171,7 @@ def _raised(
         duration = max(order.duration, timed.optimistic_duration)
         return replace(order, level=Level.TIMED, duration=duration, task=timed)
     if order.level is Level.TIMED:
-        # A way that is slower at the highest velocities than a coarse answer is not solved.
+        # A way whose lower bound exceeds a coarse answer is not solved.
         known = [other["coarse"] for other in rows.values() if other["coarse"] is not None]
         coarse = order.task.coarse_duration(min([best, *known]))
         if np.isfinite(coarse):

@@ -51,6 +51,7 @@ from microbot_ocp.planning.search._settings import (
 )
 from microbot_ocp.planning.search._starts import full_mesh, nearest
 from microbot_ocp.planning.task import (
+    EXACT_TOLERANCE,
     GAP,
     LDL,
     ROUGH_TOLERANCE,
@@ -73,6 +74,7 @@ SMOOTHING_BARRIER = 1e-2  # barrier parameter of the first solve with increased 
 SMOOTHING_FACTORS = (1e6, 1e5, 1e4, 1e3, 1e2, 10.0, 1.0)
 SMOOTHING_ITERATIONS = 200  # iteration limit of each solve with increased smoothing
 TIMED_PATH_TOLERANCE = 1e-4  # solver tolerance among obstacles, relative
+EXACT = 0.1 * EXACT_TOLERANCE  # largest violation of a constraint among obstacles
 USUAL_ITERATIONS = 100  # iteration limit of a full or refined mesh, and of the last step
 
 
@@ -104,8 +106,10 @@ def search_of(problem: MotionProblem, progress: StepProgress) -> MotionSearch:
         tolerance, most = TIMED_PATH_TOLERANCE, MOST_ITERATIONS
         # A link equally near to two faces of a body makes iterates alternate between the two
         # constraints: accept the point after a few acceptable iterations.
-        options = {"ipopt": {**LDL["ipopt"], "acceptable_tol": 10.0 * tolerance}}
-        rough = SolverSettings(gap=np.inf, options=options, max_iterations=most)
+        options = {**LDL["ipopt"], "acceptable_tol": 10.0 * tolerance}
+        # Poses at stops are equations, which a certificate judges more strictly than optimality.
+        options |= {"constr_viol_tol": EXACT, "acceptable_constr_viol_tol": EXACT}
+        rough = SolverSettings(gap=np.inf, options={"ipopt": options}, max_iterations=most)
         refiner = replace(refiner, tolerance=tolerance, rough=None, settings=rough, once=True)
     return MotionSearch(problem, refiner, progress, kernel_time)
 

@@ -68,6 +68,15 @@ NONE_WITHIN = "The search found no motion within the limits."
 FREE = "free time-optimal motion, multiple shooting on the inverse dynamics"  # method
 
 
+def too_late(wanted: float | None, shortest: float) -> Outcome:
+    """Return the outcome of a motion whose shortest duration, s, is more than what is wanted."""
+    sentence = (
+        f"The task cannot be done in {wanted:g} s: the fastest motion that was found takes "
+        f"{shortest:.6g} s."
+    )
+    return Outcome(Status.INFEASIBLE, (Advice(LATE, sentence),))
+
+
 def returned(made_from: str) -> Advice:
     """Return advice on a motion that replaces a solution."""
     sentence = f"Returned is {made_from}: it keeps every limit, but others may be faster."
@@ -204,11 +213,7 @@ def motion_of_answer(best: Fastest) -> Motion:
         outcome, least = judged(relaxed, problem.family, outcome)
         more |= least
     if outcome.solved and best.late:
-        advice = (
-            f"The task cannot be done in {best.duration:g} s: the fastest motion that was "
-            f"found takes {best.shortest:.6g} s."
-        )
-        outcome = Outcome(Status.INFEASIBLE, (Advice(LATE, advice),))
+        outcome = too_late(best.duration, best.shortest)
     outcome = replace(outcome, ledger=ledger_of(state, best.answer))
     starts = starts_of(state, problem.dwell_time)
     optima = sorted({round(s["duration"], 3) for s in starts if s["status"] == "solved"})
@@ -338,7 +343,7 @@ def branches_of(
     problem: MotionProblem, state: SearchState, solution: Solution
 ) -> list[dict[str, Any]]:
     """Return the coarse duration of every way through the branches, the taken one first."""
-    via = _poses(solution)
+    via = poses_at(solution)
     best: dict[str, dict[str, Any]] = {}
     for answer in state.at(Level.COARSE):
         way, coarse = answer.way, answer.solution
@@ -347,7 +352,7 @@ def branches_of(
         duration = coarse.duration + problem.dwell_time if answer.solved else None
         # The taken way is the one whose poses at the stops are nearest to those of the motion: a
         # tolerant stop may move.
-        apart = float(np.abs(_poses(coarse) - via).max())
+        apart = float(np.abs(poses_at(coarse) - via).max())
         keep_faster(best, way, row_of_way(way, duration, str(coarse.status), apart=apart))
     rows = sorted(best.values(), key=lambda row: row.pop("apart"))
     for row in rows[:1]:  # empty for a motion that was solved again with larger distances
@@ -395,11 +400,11 @@ def remark_of_branches(branches: Sequence[dict[str, Any]]) -> str:
     if len(tried) > len(solved):
         parts.append(f"{len(tried) - len(solved)} led to no motion")
     if slow := [entry["at_least"] for entry in others if entry["status"] == LEFT_OUT]:
-        parts.append(f"others need {min(slow):.3f} s or more at the highest joint velocities")
+        parts.append(f"others need at least {min(slow):.3f} s")
     return "; ".join(parts)
 
 
-def _poses(solution: Solution) -> FloatArray:
+def poses_at(solution: Solution) -> FloatArray:
     """Return joint poses [m,n] at the stops, rad (m)."""
     ends = [phase["q"][-1] for phase in solution.phases]
     return np.array([solution.phases[0]["q"][0], *ends])

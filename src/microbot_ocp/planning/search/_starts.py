@@ -26,7 +26,7 @@ from microbot_ocp.planning.free import (
     least_violation,
     limited_rates,
 )
-from microbot_ocp.planning.search._branches import Way, few_poses, least_time, segment_timings
+from microbot_ocp.planning.search._branches import Way, bound_of, segment_timings
 from microbot_ocp.planning.search._problem import MotionProblem, TrialStart
 from microbot_ocp.planning.search._search import (
     NOTHING,
@@ -56,7 +56,6 @@ FULL_MESH_EVEN = 100  # intervals per phase, for continuous accelerations
 FULL_MESH_SUM = 400  # intervals of all phases of the first full mesh together
 LEAST_FULL_MESH = 25  # intervals per phase
 CURVED_GUESSES = 2  # number of curved initial guesses along the best way through stops
-PRUNE_FACTOR = 1.25  # velocity bound, per best duration, above which a redundant way is skipped
 
 
 def explore_mesh(search: MotionSearch) -> int:
@@ -295,16 +294,10 @@ def _guesses(problem: MotionProblem, state: SearchState) -> Iterator[tuple[Way, 
 
 
 def least_of_slower(problem: MotionProblem, state: SearchState, way: Way) -> float | None:
-    """Return the duration of a way at the highest velocities, s; None unless another is faster.
-
-    Lower bound: no motion on the way is faster. A redundant or tolerant stop may move its pose, so
-    there the bound must exceed the best duration by a factor.
-    """
+    """Return a lower bound on the duration of a way, s; None unless another way is faster."""
     durations = [a.solution.duration for a in state.starts if a.solved]
-    exact = all(few_poses(problem.task.robot, stop) is not None for stop in problem.task.stops)
-    least = least_time(problem.task, way)
-    slower = least > (1.0 if exact else PRUNE_FACTOR) * min([*durations, problem.duration_to_beat])
-    return least if slower else None
+    least = bound_of(problem.task, way)
+    return least if least > min([*durations, problem.duration_to_beat]) else None
 
 
 def rest_to_rest(task: Task, way: Way, names: Sequence[str], compiled: bool) -> InitialGuess:
