@@ -460,6 +460,19 @@ def test_a_first_way_is_proved_before_others_are_looked_for(monkeypatch) -> None
     assert 0.0 < planner.first_certified < np.inf
 
 
+@pytest.mark.slow
+def test_a_redundant_arm_reaches_a_stop_in_a_pose_that_is_free() -> None:
+    """Its one representative of the poses at the stop is in collision by 37 mm."""
+    ball = mo.Scene([mo.Sphere([0.3, 0.2, 0.0], 0.06, "ball")])
+    goal = mo.Stop(position=[0.8, 0.72, 0.0])
+    (representative,) = mo.solve_ik_all(ARM, goal.position)
+    assert contact_model(ARM, ball).nearest(representative.q).distance < -0.03
+    stops = [mo.Stop(q=[-0.9, 0.6, 0.2]), goal]
+    motion = mo.time_optimal(ARM, stops, scene=ball)
+    assert motion.solved
+    assert mo.certify(ARM, motion, via_q=stops, scene=ball).ok
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("stopped", [False, True])
 def test_what_is_far_away_changes_nothing(stopped: bool) -> None:

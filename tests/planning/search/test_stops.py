@@ -12,7 +12,7 @@ from microbot_ocp._base import deadline
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.planning.free import slowed_together
 from microbot_ocp.planning.search import least_duration
-from microbot_ocp.planning.search._branches import ways_through
+from microbot_ocp.planning.search._branches import bound_of, ways_through
 from microbot_ocp.planning.search._through_stops import problem_of
 from microbot_ocp.planning.task import TaskScale, task_of
 from microbot_ocp.planning.task._segments import CircleArc, Straight, curve_limits
@@ -607,6 +607,28 @@ def test_shapes_that_follow_one_another_are_slowed_down_by_one_factor():
     assert slowed_together(families, slower, 5e-4) == slower  # within limits as they are
     shapes = [mo.quintic([[0.0], [1.0]], [0.0, 1.0])] * 2
     assert slowed_together(families, shapes, 5e-4) is None  # it was nowhere near its limits
+
+
+@pytest.mark.parametrize("distance", [0.3, 2.0])
+def test_one_joint_takes_its_lower_bound_from_rest_to_rest(distance):
+    """Under a velocity and an acceleration limit: d / v + v / a, or 2 sqrt(d / a) below v."""
+    rail = slider(mass=1.0, tau_max=100.0, qd_max=1.5).with_limits(qdd_max=4.0)
+    task = task_of(rail, [[0.0], [distance]])
+    (way,) = ways_through(task)
+    exact = 2.0 * np.sqrt(0.3 / 4.0) if distance == 0.3 else 2.0 / 1.5 + 1.5 / 4.0
+    assert bound_of(task, way) == pytest.approx(exact, rel=1e-12)
+    motion = mo.time_optimal(rail, [[0.0], [distance]])
+    assert exact * (1.0 - 1e-6) <= motion.duration <= exact * (1.0 + 1e-3)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_motion_beats_its_lower_bound(two_links, seed):
+    robot = two_links.with_limits(tau_max=np.inf, qdd_max=[6.0, 9.0])
+    via = np.random.default_rng(seed).uniform(-1.5, 1.5, (3, 2))
+    task = task_of(robot, via)
+    (way,) = ways_through(task)
+    duration = mo.time_optimal(robot, via, **QUICK).duration
+    assert 0.5 * duration < bound_of(task, way) <= duration
 
 
 # tool lines through singular places ------------------------------------------------------------
