@@ -443,12 +443,12 @@ def _fall(arc: float, radius: float, gravity: float, longest: float) -> OptimalC
 
 
 def gravity_tunnel() -> OptimalControlProblem:
-    """Minimise the time of a fall from rest through a ball of radius 1, gravity 1, over an arc of 2."""
+    """Minimise the time of a fall from rest through a ball of radius 1 over an arc of 2."""
     return _fall(2.0, 1.0, 1.0, 20.0)
 
 
 def tunnel_through_the_earth() -> OptimalControlProblem:
-    """Minimise the time of a fall through the earth over an arc of 1.2, to rest again, in m and s."""
+    """Minimise the time of a fall through the earth over an arc of 1.2, between two rests."""
     problem = _fall(1.2, 6.371e6, 9.82, 7200.0)
     (phase,) = problem.phases
     phase.end_constraint("rest", phase.states[-1].symbol, 0.0, 0.0)

@@ -20,7 +20,8 @@ from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.limits import LIMIT_TOLERANCE, Limit, LimitFamily
 from microbot_ocp.motion import Motion, PiecewisePolynomial, polynomial_of
-from microbot_ocp.planning.free import InitialGuess, phase_shapes
+from microbot_ocp.ocp import Solution
+from microbot_ocp.planning.free import InitialGuess, excess_along, phase_shapes
 from microbot_ocp.planning.search._branches import SAME_BRANCH, Way
 from microbot_ocp.planning.search._queue import Level
 from microbot_ocp.planning.search._refinement import best_of, resumed, search_of
@@ -29,6 +30,7 @@ from microbot_ocp.planning.search._search import MotionAnswer, MotionSearch, Sea
 from microbot_ocp.planning.search._settings import SAME_OPTIMUM
 from microbot_ocp.planning.search._starts import explore, explore_mesh, full_mesh
 from microbot_ocp.planning.search._stop_motion import (
+    motion_of,
     places_along,
     poses_at_stops,
     scenes_of,
@@ -36,7 +38,7 @@ from microbot_ocp.planning.search._stop_motion import (
     tool_poses,
 )
 from microbot_ocp.planning.search._through_stops import Front, SolveRequest, problem_of
-from microbot_ocp.planning.task import Task, reach_of
+from microbot_ocp.planning.task import Task, largest, reach_of
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import (
     Clearance,
@@ -378,7 +380,24 @@ class GuidedSearch:
         with deadline.given_up():
             request = self.request
             given = request.settings, request.duration, (self.way,), self.start, finer
-            return search_of(problem_of(around.on(self.task), *given), request.progress)
+            problem = problem_of(around.on(self.task), *given)
+            problem = replace(problem, proved_excess=self._proved_excess)
+            return search_of(problem, request.progress)
+
+    def _proved_excess(self, solution: Solution) -> list[FloatArray] | None:
+        """Return the excess of the task's own limits if the links are proved to keep clear.
+
+        Exact geometry decides. Capsules stand out from their links, and the nearest points of two
+        bodies jump between faces, so their distances would need endless meshes.
+        """
+        shapes = phase_shapes(solution)
+        pairs = zip(self.task.families, shapes, strict=True)
+        excess = [excess_along(family, shape) for family, shape in pairs]
+        if largest(excess) > self.request.settings.limit_tolerance:
+            return None
+        motion = motion_of(self.task, shapes, {})
+        proof = clearance_along(places_along(self.task, motion, self.scene), motion)
+        return excess if proof.proved else None
 
     def _proof(self, motion: Motion) -> Clearance | None:
         """Return the clearance of a motion that is solved or within the limits, None otherwise."""

@@ -7,7 +7,7 @@ that exceeds limits may be slowed down until it keeps them.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -43,7 +43,13 @@ from microbot_ocp.planning.free import (
 from microbot_ocp.planning.search._branches import Way, segment_timings, straight_way
 from microbot_ocp.planning.search._settings import TimeOptimalSettings
 from microbot_ocp.planning.search._stop_motion import motion_of
-from microbot_ocp.planning.task import Conditions, Task, TaskScale, with_locked_joints_held
+from microbot_ocp.planning.task import (
+    Conditions,
+    Task,
+    TaskScale,
+    largest,
+    with_locked_joints_held,
+)
 from microbot_ocp.robot import Robot
 
 VIA_TOLERANCE = 1e-7  # relative position error and velocity jump allowed at a via point
@@ -91,6 +97,9 @@ class MotionProblem:
         Duration of another order of the stops, s, without dwells.
     for_comparison : bool
         Search only as far as needed to compare orders.
+    proved_excess : callable, optional
+        Function of a solution whose capsules come too near. It returns the excess of all other
+        limits if the links are proved to keep clear, and None otherwise.
     """
 
     task: Task
@@ -102,6 +111,7 @@ class MotionProblem:
     finer: int = 1
     duration_to_beat: float = np.inf
     for_comparison: bool = False
+    proved_excess: Callable[[Solution], list[FloatArray] | None] | None = None
     _excess: dict[Solution, list[FloatArray]] = field(default_factory=dict)
     _slowed: dict[Solution, Motion | None] = field(default_factory=dict)
 
@@ -244,6 +254,8 @@ class MotionProblem:
                 excess = [excess_along(family, shape) for family, shape in pairs]
             if self.is_flat:
                 excess = [table.max(axis=1, keepdims=True) for table in excess]
+            if self.proved_excess is not None and largest(excess) > self.settings.limit_tolerance:
+                excess = self.proved_excess(solution) or excess
             self._excess[solution] = excess
         return self._excess[solution]
 
