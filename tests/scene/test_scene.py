@@ -565,9 +565,13 @@ def test_a_pair_counts_where_it_is_nearer_than_a_large_clearance(via) -> None:
 
 @pytest.mark.thorough
 def test_the_fastest_is_returned_where_less_time_is_allowed() -> None:
-    few = {"mesh": 10, "starts": 1, "limit_tolerance": 0.01, "compiled": False}
+    few: dict[str, Any] = {"mesh": 10, "starts": 1, "limit_tolerance": 0.01, "compiled": False}
+    lines = list[str]()
+    few["progress"] = lambda event: lines.append(str(event))
     motion = mo.time_optimal(ARM, ENDS, scene=POST, duration=0.5, **few)
     assert motion.status is mo.Status.INFEASIBLE
+    # Once the fastest motion is known, no slower path is solved.
+    assert len({line.split(":")[0] for line in lines if line.startswith("start ")}) == 1
     tells(motion.note, "0.5 s", "fastest")
     assert motion.provenance["clearance"]["proved"]
 

@@ -56,6 +56,7 @@ from microbot_ocp.planning.search._orders import (
 from microbot_ocp.planning.search._queue import Level, best_first
 from microbot_ocp.planning.search._result import (
     LEFT_OUT,
+    is_late,
     remark_of_branches,
     row_of_way,
     taken_first,
@@ -305,7 +306,7 @@ class _OrderAmongObstacles:
             if not front[0]:
                 return []
             motion, proof = front[0][0][1], proofs[0]
-            solved = motion.solved and is_clear(proof)
+            solved = (motion.solved or is_late(motion)) and is_clear(proof)
             given = {"duration": motion.duration, "solved": solved, "front": front}
             return [replace(candidate, level=Level.FINISHED, proofs=proofs, **given)]
 
@@ -337,10 +338,8 @@ class _OrderAmongObstacles:
             if np.isfinite(least):
                 given = least + dwell_time, str(Status.SOLVED)
             elif not durations and not any(leg and leg.is_blocked for leg in legs):
-                given, more = (
-                    (None, LEFT_OUT),
-                    {"at_least": bound_of(self.task, way) + dwell_time},
-                )
+                given = None, LEFT_OUT
+                more["at_least"] = bound_of(self.task, way) + dwell_time
             rows.append(row_of_way(way, *given, way is taken, **more))
         return sorted(rows, key=taken_first)
 

@@ -25,7 +25,7 @@ from microbot_ocp.planning.free import InitialGuess, excess_along, phase_shapes
 from microbot_ocp.planning.search._branches import SAME_BRANCH, Way
 from microbot_ocp.planning.search._queue import Level
 from microbot_ocp.planning.search._refinement import best_of, resumed, search_of
-from microbot_ocp.planning.search._result import fastest, motion_from, poses_at
+from microbot_ocp.planning.search._result import fastest, is_late, motion_from, poses_at
 from microbot_ocp.planning.search._search import MotionAnswer, MotionSearch, SearchState
 from microbot_ocp.planning.search._settings import SAME_OPTIMUM
 from microbot_ocp.planning.search._starts import explore, explore_mesh, full_mesh
@@ -401,10 +401,11 @@ class GuidedSearch:
 
     def _proof(self, motion: Motion) -> Clearance | None:
         """Return the clearance of a motion that is solved or within the limits, None otherwise."""
-        if not (motion.solved or motion.provenance["excess"] <= LIMIT_TOLERANCE):
+        solved = motion.solved or is_late(motion)
+        if not (solved or motion.provenance["excess"] <= LIMIT_TOLERANCE):
             return None
         proof = clearance_along(places_along(self.task, motion, self.scene), motion)
-        return proof if motion.solved or proof.proved else None
+        return proof if solved or proof.proved else None
 
     def _required_after(
         self, around: RequiredDistances, pairs: Sequence[tuple[Motion, Clearance]]

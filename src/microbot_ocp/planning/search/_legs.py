@@ -27,7 +27,7 @@ from microbot_ocp.ocp.solution import StepProgress, quiet
 from microbot_ocp.planning.free import joined
 from microbot_ocp.planning.path import LATER, PathTiming, check_path, time_path
 from microbot_ocp.planning.search._guided import is_clear
-from microbot_ocp.planning.search._result import LATE, NONE_WITHIN, returned, too_late
+from microbot_ocp.planning.search._result import NONE_WITHIN, is_late, returned, too_late
 from microbot_ocp.planning.search._settings import TimeOptimalSettings
 from microbot_ocp.planning.task import length_text
 from microbot_ocp.planning.timing import PathTimingSettings, best_timing
@@ -242,7 +242,7 @@ def at_least(
             # A proof exists only for motions within the limits, so such a status is disproved,
             # unless the motion only takes longer than the duration that was asked for.
             refused = outcome.status in (Status.INFEASIBLE, Status.LIMITS_EXCEEDED)
-            if refused and LATE not in {row.kind for row in outcome.advice}:
+            if refused and not is_late(motion):
                 outcome = replace(Outcome.of(Status.NOT_ACCEPTED), ledger=outcome.ledger)
             return motion.ended(outcome, clearance=as_plain(proof))
     assert fallback is not None

@@ -77,6 +77,11 @@ def too_late(wanted: float | None, shortest: float) -> Outcome:
     return Outcome(Status.INFEASIBLE, (Advice(LATE, sentence),))
 
 
+def is_late(motion: Motion) -> bool:
+    """Return True if a motion only takes longer than the duration that was asked for."""
+    return LATE in {row.kind for row in motion.outcome.advice}
+
+
 def returned(made_from: str) -> Advice:
     """Return advice on a motion that replaces a solution."""
     sentence = f"Returned is {made_from}: it keeps every limit, but others may be faster."
