@@ -10,6 +10,9 @@ from ._result import (
     IKPath as IKPath,
     IKSolution as IKSolution,
 )
+from ._search import (
+    start_range as start_range,
+)
 from ._solve import (
     branches_by_nlp as branches_by_nlp,
     solve_ik as solve_ik,

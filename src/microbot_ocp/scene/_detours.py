@@ -1,9 +1,10 @@
 """Joint paths around obstacles by OMPL's planners, shortened and with rounded corners.
 
-Searches are numbered: the number determines the planner, its seed and its largest number of poses.
-A search ends by a count, so equal numbers give equal paths, and different numbers often pass an
-obstacle on different sides. Random shortcuts shorten the resulting polyline, and curves round its
-corners if they keep clear. Segments and curves are proved to keep clear, not sampled.
+Searches are numbered: the number determines the planner, its seed, its longest edge and its largest
+number of poses. A search ends by a count, so equal numbers give equal paths, and different numbers
+often pass an obstacle on different sides. Random shortcuts shorten the resulting polyline, and
+curves round its corners if they keep clear. Segments and curves are proved to keep clear, not
+sampled.
 """
 
 from __future__ import annotations

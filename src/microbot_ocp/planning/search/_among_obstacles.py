@@ -1,8 +1,8 @@
 """Motions through via points or stops among obstacles, with the parts that the arm carries.
 
 A way is one branch of the arm at every stop. A planner leads the blocked free segments of each way
-around the obstacles. The search starts from the fastest of these timed ways. On every segment the
-arm and its payload keep clear.
+around the obstacles, the most promising way first, and the search starts from these timed ways. On
+every segment the arm and its payload keep clear.
 
 Exact geometry decides: where it is known, paths and proofs use it. Capsules are the smooth
 approximation in the nonlinear program, and may overlap as far as they do on the path. If the exact
@@ -110,9 +110,7 @@ def motions_among(request: SolveRequest, front_of: FrontFunction | None = None) 
         As :func:`stops_among`.
     """
     request = replace(request, robot=with_arm_capsules(request.robot))
-    task, legs = request.task(), LegPlanner(request)
-    legs.search([task])
-    return _OrderAmongObstacles(request, legs, task).motions(front_of)
+    return _OrderAmongObstacles(request, LegPlanner(request), request.task()).motions(front_of)
 
 
 class GuidedWay(NamedTuple):

@@ -24,6 +24,7 @@ from microbot_ocp.inverse_kinematics import (
     follow_ik,
     solve_ik_all,
     solve_ik_each,
+    start_range,
 )
 from microbot_ocp.limits import MotionSamples
 from microbot_ocp.motion import PiecewisePolynomial, polynomial_of
@@ -48,7 +49,7 @@ ROWS = 33  # poses at which a tool line is followed
 SAME_BRANCH = 0.05  # largest joint difference of two poses on one branch, rad (m)
 APART = 0.9  # largest joint difference at the stops of two ways to one optimum, rad (m)
 MOST_WAYS = 12
-SLIDING = 1.03  # largest ratio of the bounds of two poses of a redundant arm that slides
+SLIDING = 1.03  # assumed gain in the bound of a redundant arm that slides to another pose
 FURTHER_POSES = 64  # poses at random of a redundant arm at a stop among obstacles
 REDUNDANT = 1e-4  # singular value of the tool Jacobian of a redundant direction, per reach
 Poses = list[FloatArray]  # one joint pose [n] per branch
@@ -195,8 +196,8 @@ def _spread_poses(robot: Robot, stop: Stop) -> tuple[FloatArray, ...]:
     if few_poses(robot, stop) is not None:
         return branches
     place, turned = stop.pose(robot)
-    low, high = (np.clip(bound, -np.pi, np.pi) for bound in robot.limits.bounds("q"))
-    seeds = np.random.default_rng(0).uniform(low, high, (FURTHER_POSES, robot.joint_count))
+    size = FURTHER_POSES, robot.joint_count
+    seeds = np.random.default_rng(0).uniform(*start_range(robot), size)
     orientations: Any = None
     if turned is not None:
         about_axis = itertools.cycle(_turned(turned, stop.free_axis))
@@ -521,26 +522,27 @@ def least_time(task: Task, way: Way) -> float:
     v / (2 a) more than at its highest velocity v, or has not reached it after d = v^2 / (2 a).
     """
     limits = task.robot.limits
-    speed, most = (np.abs(limits.bounds(name)).max(axis=0) for name in ("qd", "qdd"))
-    exact = [stop.slack if stop.q is not None else 0.0 for stop in task.stops]
+    speed, acceleration = (np.abs(limits.bounds(key)).max(axis=0) for key in ("qd", "qdd"))
+    slack = [stop.slack if stop.q is not None else 0.0 for stop in task.stops]
     total = 0.0
     for k, (start, end) in enumerate(itertools.pairwise(way.via)):
         rests = int(task.at_rest(k)) + int(task.at_rest(k + 1))
-        way_left = np.maximum(np.abs(end - start) - exact[k] - exact[k + 1], 0.0)
-        moving = way_left > 0.0
+        distance = np.maximum(np.abs(end - start) - slack[k] - slack[k + 1], 0.0)
+        moving = distance > 0.0
         if moving.any():
-            d, v, a = way_left[moving], speed[moving], most[moving]
+            d, v, a = distance[moving], speed[moving], acceleration[moving]
             with np.errstate(divide="ignore", invalid="ignore"):
-                at_most = np.where(np.isinf(a), 0.0, rests * v / (2.0 * a))  # s beyond d / v
-                times = np.where(d >= v * at_most, d / v + at_most, np.sqrt(2.0 * rests * d / a))
+                more = np.where(np.isinf(a), 0.0, rests * v / (2.0 * a))  # s beyond d / v
+                times = np.where(d >= v * more, d / v + more, np.sqrt(2.0 * rests * d / a))
             total += float(times.max())
     return total
 
 
 def bound_of(task: Task, way: Way) -> float:
-    """Return a duration that no motion on a way beats, s, without dwells.
+    """Return a duration that no motion through the poses of a way beats, s, without dwells.
 
-    A redundant or tolerant stop may move its pose, so there the bound is divided by a factor.
+    A redundant or tolerant stop may move its pose: there the bound is divided by a factor, and is
+    an estimate.
     """
     exact = all(few_poses(task.robot, stop) is not None for stop in task.stops)
     return least_time(task, way) / (1.0 if exact else SLIDING)

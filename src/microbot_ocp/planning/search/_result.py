@@ -405,7 +405,9 @@ def remark_of_branches(branches: Sequence[dict[str, Any]]) -> str:
     if len(tried) > len(solved):
         parts.append(f"{len(tried) - len(solved)} led to no motion")
     if slow := [entry["at_least"] for entry in others if entry["status"] == LEFT_OUT]:
-        parts.append(f"others need at least {min(slow):.3f} s")
+        parts.append(
+            f"others need {min(slow):.3f} s or more by their speeds and accelerations alone"
+        )
     return "; ".join(parts)
 
 
