@@ -19,7 +19,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.motion import Motion, pieces_of
-from microbot_ocp.robot import Capsule, LinkHull, Robot, dh_transform
+from microbot_ocp.robot import Capsule, Robot, dh_transform
 from microbot_ocp.scene._contact import contact_model
 from microbot_ocp.scene._pairs import ACCURACY
 from microbot_ocp.scene._scene import Pair, Scene, with_arm_capsules
@@ -262,7 +262,7 @@ def levers_of(robot: Robot, pairs: Sequence[Pair], farthest: FloatArray) -> Floa
 
     @cache
     def of(frame: int, capsule: Capsule) -> FloatArray:
-        points = capsule.corners if isinstance(capsule, LinkHull) else (capsule.start, capsule.end)
+        points = [capsule.start, capsule.end, *getattr(capsule, "corners", ())]
         lever_in_frame = float(np.linalg.norm(points, axis=1).max())
         levers = np.zeros(robot.joint_count)
         for joint in range(frame):

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache, cached_property, lru_cache, partial
 from typing import Any, NamedTuple
 
+import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
@@ -21,10 +22,13 @@ from microbot_ocp.scene._obstacles import (
     HalfSpace,
     Obstacle,
     Sphere,
+    core_radius,
     has_many_faces,
 )
 from microbot_ocp.scene._pairs import ACCURACY
 from microbot_ocp.scene._scene import Pair, Scene, clearances, separated_pairs, with_arm_capsules
+
+TINY, LARGE = 1e-300, 1e3  # against division by zero; half the edge of a half space's box, m
 
 
 class Nearest(NamedTuple):
@@ -54,7 +58,7 @@ class ContactModel:
     """
 
     def __init__(self, robot: Robot, pairs: Sequence[Pair], unwatched: Sequence[Pair] = ()) -> None:
-        self._coal = coal()
+        self._coal, self._robot = coal(), robot
         self.pairs = tuple(pairs)
         self.unwatched = tuple(dict.fromkeys(pair.label for pair in unwatched))
         # The planner branches on these values: they must not change by a bit with a compiler.
@@ -77,12 +81,6 @@ class ContactModel:
         self._frames = np.array([frame for frame, _, _ in moving], dtype=int)
         self._locals = np.array([local for _, local, _ in moving])
         self._moving = [transform for _, _, transform in moving]
-        row_of = {id(transform): row for row, transform in enumerate(self._moving)}
-        # Poses of the moving bodies that each pair depends on.
-        self._rows = [
-            {row_of[id(at)] for at in (*sides, *(bound or ())[1:]) if id(at) in row_of}
-            for sides, bound in zip(self._sides, self._bounds, strict=True)
-        ]
         self._request, self._result = self._coal.DistanceRequest(), self._coal.DistanceResult()
 
     def _around(self, thing: Obstacle) -> Obstacle:
@@ -108,15 +106,26 @@ class ContactModel:
         poses = np.asarray(self._poses(np.ascontiguousarray(q, dtype=float)))
         return poses.reshape(len(q), 4, -1, 4).transpose(0, 2, 1, 3)[:, self._frames] @ self._locals
 
-    def rows(self, pairs: Iterable[int]) -> list[int]:
-        """Return the rows of a pose that pairs depend on."""
-        return sorted(set[int]().union(*(self._rows[index] for index in pairs)))
+    @cached_property
+    def motions(self) -> tuple[Any, np.ndarray, FloatArray]:
+        """Function of all motions, the row of its second output for each pair, and the bodies.
 
-    def put(self, poses: FloatArray, rows: Sequence[int] | None = None) -> None:
-        """Set the moving bodies to their poses [k,4,4], or only some rows of them."""
-        turns, shifts, moving = poses[:, :3, :3], poses[:, :3, 3], self._moving
-        for row in range(len(moving)) if rows is None else rows:
-            moving[row].setTransform(turns[row], shifts[row])
+        The function ``(q, slopes) -> poses, motions [A,13]`` returns the poses of the links and,
+        seen from the other body, the ends of different axes, their velocities and the largest speed
+        of the capsule. The rows of bodies [k,17] are arguments of ``parting``.
+        """
+        axes = [(pair.frame, pair.capsule, pair.other_frame) for pair in self.pairs]
+        row_of = {axis: row for row, axis in enumerate(dict.fromkeys(axes))}
+        others = [_body(p.capsule, self._around(p.other), self._solid) for p in self.pairs]
+        function = deferred_call(_motions(self._robot, tuple(row_of)))
+        return function, np.array([row_of[axis] for axis in axes]), np.array(others)
+
+    def put(self, poses: FloatArray) -> None:
+        """Set the moving bodies to their poses [k,4,4]."""
+        for moving, turn, shift in zip(
+            self._moving, poses[:, :3, :3], poses[:, :3, 3], strict=True
+        ):
+            moving.setTransform(turn, shift)
 
     def distance(self, index: int, enough: float = np.inf) -> float:
         """Return the distance of a pair in the current pose, m; negative if they overlap.
@@ -133,6 +142,16 @@ class ContactModel:
             if least > enough:
                 return least
         return self._least(pair.capsule, pair.other, self._sides[index], enough)
+
+    def exact(self, index: int, links: FloatArray, enough: float) -> float:
+        """Return ``distance`` of a pair for poses of the links [4, 4 (n+1)], without capsules."""
+        pair, sides = self.pairs[index], self._sides[index]
+        places = (pair.frame, pair.capsule), (pair.other_frame, pair.other)
+        for side, (frame, thing) in zip(sides, places, strict=True):
+            if frame:
+                pose = links[:, 4 * frame : 4 * frame + 4] @ self._solid(thing)[1]
+                side.setTransform(pose[:3, :3], pose[:3, 3])
+        return self._least(pair.capsule, pair.other, sides, enough)
 
     def _functor(self, one: Obstacle, other: Obstacle) -> Any:
         """Return coal's distance function of two bodies, created on first use."""
@@ -203,12 +222,95 @@ class ContactModel:
         return Nearest(self.pairs[index], apart, *self._points())
 
 
+@lru_cache(maxsize=64)
+def _motions(robot: Robot, axes: tuple[tuple[int, Capsule, int], ...]) -> ca.Function:
+    """Return the function of ``ContactModel.motions``; axes are frame, capsule, other frame."""
+    q, slopes = (ca.SX.sym(name, robot.joint_count) for name in ("q", "slopes"))
+    placed = link_poses(robot)(q)
+    poses, rates = (ca.horzsplit(x, 4) for x in (placed, ca.jtimes(placed, q, slopes)))
+    rows = []
+    for frame, capsule, other in axes:
+        # A point x that the other body sees at y = T^-1 x moves there by dy = T^-1 (dx - dT y).
+        back, origin, ends, speeds = poses[other][:3, :3].T, poses[other][:3, 3], [], []
+        for point in (capsule.start, capsule.end):
+            end, speed = (x[frame][:3, :] @ [*point, 1.0] for x in (poses, rates))
+            ends.append(back @ (end - origin))
+            speeds.append(back @ (speed - rates[other][:3, :] @ ca.vertcat(ends[-1], 1.0)))
+        spins = [ca.inv_skew(rates[k][:3, :3] @ poses[k][:3, :3].T) for k in (frame, other)]
+        spin = ca.norm_2(spins[0] - spins[1])
+        fastest = ca.fmax(*map(ca.norm_2, speeds)) + capsule.radius * spin
+        rows.append(ca.vertcat(*ends, *speeds, fastest))
+    outputs = ca.cse([ca.densify(placed), ca.densify(ca.horzcat(*rows).T)])
+    return ca.Function("motions", [q, slopes], outputs)
+
+
+@lru_cache(maxsize=1)
+def parting() -> Any:
+    """Return ``(motion, body, rates, half) -> [distance, least, approach]`` of many pairs.
+
+    They are a lower bound of the distance of a capsule from another body, one that holds while the
+    motion goes on by ``half`` either way, and the largest approach meanwhile. ``rates`` bounds the
+    first and second derivative of all points. The plane in the point of the body that is nearest to
+    the axis parts the two until an end of the axis reaches it. Bounds below zero say nothing.
+    """
+    sizes = {"motion": 13, "body": 17, "rates": 2, "half": 1}
+    motion, body, rates, half = given = [ca.SX.sym(*item) for item in sizes.items()]
+    back, edges, (radius, thick) = (
+        ca.reshape(body[:9], 3, 3).T,
+        body[12:15],
+        ca.vertsplit(body[15:]),
+    )
+    one, two = (back @ (motion[k : k + 3] - body[9:12]) for k in (0, 3))
+
+    def nearest(x: ca.SX) -> ca.SX:
+        inward = ca.fmin(1.0, radius / (ca.norm_2(x[:2]) + TINY))
+        return ca.fmin(ca.fmax(ca.vertcat(inward * x[:2], x[2]), -edges), edges)
+
+    x = middle = (one + two) / 2
+    along = (two - one) / 2
+    for _ in range(3):  # more projections part hardly more
+        share = ca.dot(nearest(x) - middle, along) / (ca.dot(along, along) + TINY)
+        x = middle + ca.fmin(ca.fmax(share, -1.0), 1.0) * along
+    place = nearest(x)
+    normal = (x - place) / (ca.norm_2(x - place) + TINY)
+    heights = [ca.dot(normal, end - place) - thick for end in (one, two)]
+    falls = [half * ca.fabs(ca.dot(normal, back @ motion[k : k + 3])) for k in (6, 9)]
+    more, distance = 0.5 * half**2 * rates[1], ca.fmin(*heights)
+    least = ca.fmin(heights[0] - falls[0], heights[1] - falls[1]) - more
+    least = ca.fmax(least, distance - half * rates[0])
+    approach = ca.fmin(half * rates[0], half * motion[12] + more)
+    outputs = ca.cse([ca.densify(ca.vertcat(distance, least, approach))])
+    return deferred_call(ca.Function("parting", given, outputs))
+
+
+def _body(capsule: Capsule, other: Obstacle, solid: Any) -> list[float]:
+    """Return a body for ``parting``: turn, place, half edges and radius of its core, both radii.
+
+    The core is a box, or the cylinder of that radius; a box around a mesh.
+    """
+    pose, edges, radius, thick = solid(other)[1].copy(), np.zeros(3), np.inf, core_radius(other)
+    if isinstance(other, Capsule):
+        edges[2] = 0.5 * np.linalg.norm(other.end - other.start)
+    elif isinstance(other, HalfSpace):  # a box that is larger than any arm
+        edges[:] = LARGE
+        pose = transform_of(rotation_to(other.normal), (other.offset - LARGE) * other.normal)
+    elif isinstance(other, Cylinder):
+        edges[:], radius = [np.inf, np.inf, 0.5 * other.length], other.radius
+    elif isinstance(other, Box):
+        edges = 0.5 * other.size
+    elif not isinstance(other, Sphere):
+        low, high = other.vertices.min(axis=0), other.vertices.max(axis=0)
+        edges = 0.5 * (high - low)
+        pose[:3, 3] += pose[:3, :3] @ (0.5 * (high + low))
+    return [*pose[:3, :3].ravel("F"), *pose[:3, 3], *edges, radius, thick + capsule.radius]
+
+
 def _solid_of(coal: Any, thing: Obstacle) -> tuple[Any, FloatArray]:
     """Return coal's shape of a body and its pose [4,4] in its frame."""
     if isinstance(thing, Sphere):
         return coal.Sphere(thing.radius), transform_of(np.eye(3), thing.center)
     if isinstance(thing, LinkHull):
-        return _hull_of(coal, thing.corners), np.eye(4)
+        return _link_solid(thing), np.eye(4)
     if isinstance(thing, Capsule):
         along = thing.end - thing.start
         length, middle = float(np.linalg.norm(along)), (thing.start + thing.end) / 2
@@ -222,6 +324,12 @@ def _solid_of(coal: Any, thing: Obstacle) -> tuple[Any, FloatArray]:
     if isinstance(thing, Cylinder):
         return coal.Cylinder(thing.radius, thing.length), thing.pose
     return _hull_of(coal, thing.vertices), thing.pose
+
+
+@cached_in_thread(maxsize=1024)
+def _link_solid(hull: LinkHull) -> Any:
+    """Return coal's shape of a link, which takes longer to build than hundreds of distances."""
+    return _hull_of(coal(), hull.corners)
 
 
 def _hull_of(coal: Any, corners: FloatArray) -> Any:

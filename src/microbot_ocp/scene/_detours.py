@@ -10,7 +10,6 @@ sampled.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,13 +22,13 @@ from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene._clearance import levers_of
-from microbot_ocp.scene._contact import ContactModel, Nearest, contact_model
+from microbot_ocp.scene._contact import ContactModel, Nearest, contact_model, parting
 from microbot_ocp.scene._pairs import ACCURACY
 from microbot_ocp.scene._scene import Scene, with_arm_capsules
 
 TURN = np.pi  # range beyond start and goal of joints without limits, rad
 USUAL_SPEED = 2.0  # assumed speed of joints without a speed limit, rad/s
-FIRST_CHECKS = 2_500  # poses of the first search; each later one may check twice as many
+FIRST_CHECKS = 1_400  # poses of the first search; each later one may check twice as many
 FIRST_SEARCHES = 4  # searches by RRT-Connect; after them all planners take turns
 # Longest edges of a planner's tree, shares of the extent of the joint space: short ones pass narrow
 # places, long ones find other sides of an obstacle. An edge is kept whole or not at all.
@@ -82,8 +81,16 @@ class Surroundings:
         self.least, self.checks = scene.clearance + ACCURACY, 0
         farthest = np.abs(robot.limits.bounds("q")).max(axis=0)
         farthest = np.where(np.isfinite(farthest), farthest, 2 * np.pi)
-        self.levers = levers_of(self.robot, self.model.pairs, farthest)
-        self._all = range(len(self.model.pairs))
+        self._moves, self._row_of, self._bodies = self.model.motions
+        arm, firsts = self.robot, np.unique(self._row_of, return_index=True)[1]
+        sizes = np.abs(arm.transmission)
+        farthest = sizes @ farthest + np.abs(arm.chain_positions(np.zeros(arm.joint_count)))
+        levers = levers_of(arm.chain, [self.model.pairs[k] for k in firsts], farthest)
+        # Joints j <= k give a point the second derivative z_j x (z_k x r), at most the lever of k.
+        one, two = np.indices(2 * levers.shape[1:])
+        bends = levers[:, np.maximum(one, two)] * (levers > 0.0)[:, np.minimum(one, two)]
+        self._bends = sizes.T @ bends @ sizes
+        self._levers = levers @ sizes
 
     def collision(self, q: FloatArray) -> Nearest | None:
         """Return the nearest pair in a pose [n] if it is within the clearance, else None."""
@@ -92,56 +99,60 @@ class Surroundings:
 
     def is_free(self, q: FloatArray) -> bool:
         """Return True if all pairs keep the clearance in a pose [n]."""
-        self.model.put(self.model.poses(q[None])[0])
-        return self._unsure(self._all, [0.0] * len(self._all)) is not None
+        return self.is_clear(q, q)
 
     def is_clear(self, start: FloatArray, end: FloatArray) -> bool:
         """Return True if the straight segment between two poses is proved to keep the clearance."""
         way = end - start
-        return self.is_clear_along(lambda s: start + s * way, 1.0, np.abs(way))
+        return self.is_clear_along(np.array([start, way]), 1.0, np.abs(way), 0.0 * way)
+
+    def rates(self, slopes: FloatArray, bends: FloatArray) -> FloatArray:
+        """Return bounds [k,2] of the first and second derivative of all points of each pair.
+
+        ``slopes`` and ``bends`` [n] bound those of the joints.
+        """
+        second = self._bends @ slopes @ slopes + self._levers @ bends
+        return np.column_stack([self._levers @ slopes, second])[self._row_of]
 
     def is_clear_along(
-        self, curve: Callable[[float], FloatArray], length: float, slopes: FloatArray
+        self, curve: FloatArray, length: float, slopes: FloatArray, bends: FloatArray
     ) -> bool:
         """Return True if a curve over a parameter from 0 to ``length`` is proved to keep clear.
 
-        ``slopes`` [n] bounds the slope of each joint. An interval is halved until the distances in
+        ``curve`` [k,n] holds the coefficients of its polynomial; ``slopes`` and ``bends`` [n] bound
+        the first and second derivative of each joint. An interval is halved until the distances in
         its middle exceed the largest approach within it; the proof fails if the approach is below
         the accuracy of distances.
         """
-        model, half = self.model, 0.5 * length
-        stretches = [(half, self._all, model.rows(self._all))]
-        while stretches:
-            reach = (self.levers @ (half * slopes)).tolist()
-            # Lipschitz bound as in ``_clearance``, only of the pairs that are still undecided.
-            halves = list[tuple[float, Sequence[int], list[int]]]()
-            half *= 0.5
-            all_poses = model.poses(np.array([curve(middle) for middle, *_ in stretches]))
-            for (middle, pairs, rows), poses in zip(stretches, all_poses, strict=True):
-                model.put(poses, rows)
-                unsure = None if deadline.over() else self._unsure(pairs, reach)
-                if unsure is None or any(reach[index] < ACCURACY for index in unsure):
+        half, powers, row_of = 0.5 * length, np.arange(len(curve)), self._row_of
+        slope = curve[1:] * powers[1:, None]
+        rates = self.rates(slopes, bends)
+        middles, pairs = np.array([half]), np.arange(len(row_of))
+        which = np.zeros(len(pairs), dtype=int)
+        while len(middles):
+            self.checks += len(middles)
+            terms = middles[:, None] ** powers
+            poses, motions = self._moves(terms @ curve, terms[:, :-1] @ slope)
+            motions = motions[which, row_of[pairs]]
+            now, least, approach = parting()(motions, self._bodies[pairs], rates[pairs], half).T
+            unsure = least <= self.least
+            # Exact geometry decides where capsules touch, the likeliest collision first.
+            near = np.flatnonzero(now <= self.least)
+            for k in near[np.argsort(now[near])].tolist():
+                apart = self.model.exact(int(pairs[k]), poses[which[k]], self.least)
+                room = apart - self.least
+                if room <= 0.0:
                     return False
-                if unsure:
-                    rows = model.rows(unsure)
-                    halves += [(middle + side, unsure, rows) for side in (-half, half)]
-            stretches = halves
+                unsure[k] = room <= approach[k]
+            if (unsure & (approach < ACCURACY)).any() or (unsure.any() and deadline.over()):
+                return False
+            counts, half = np.bincount(which[unsure], minlength=len(middles)), 0.5 * half
+            halved = np.flatnonzero(counts)
+            middles, counts = middles[halved], counts[halved]
+            middles = np.concatenate([middles - half, middles + half])
+            which = np.repeat(np.arange(len(middles)), np.concatenate([counts, counts]))
+            pairs = np.concatenate([pairs[unsure], pairs[unsure]])
         return True
-
-    def _unsure(self, pairs: Sequence[int], reach: Sequence[float]) -> list[int] | None:
-        """Return the pairs whose distance beyond the clearance is at most ``reach``, m.
-
-        The result is None if one of the pairs is within the clearance.
-        """
-        self.checks += 1
-        unsure = []
-        for index in pairs:
-            room = self.model.distance(index, self.least) - self.least
-            if room <= 0.0:
-                return None
-            if room <= reach[index]:
-                unsure.append(index)
-        return unsure
 
 
 def detour(
@@ -301,9 +312,8 @@ def rounded(around: Surroundings, corners: FloatArray) -> PiecewisePolynomial:
         for share in BLENDS:
             size = share * room
             curve = _blend(corners[k], tangents[k - 1], tangents[k], size, smooth)
-            if around.is_clear_along(
-                lambda s, c=curve: s ** np.arange(len(c)) @ c, 2 * size, slopes
-            ):
+            bends = 0.75 / size * np.abs(tangents[k] - tangents[k - 1])
+            if around.is_clear_along(curve, 2 * size, slopes, bends):
                 taken[k] = size
                 break
     breaks, pieces = [0.0], []
@@ -329,7 +339,8 @@ def _blend(
 ) -> FloatArray:
     """Return coefficients [5,n] of a curve around a corner, over a parameter from 0 to 2 size.
 
-    Its slope changes from one tangent to the other: linearly, or as 3 s^2 - 2 s^3 if ``smooth``.
+    Its slope changes from one tangent to the other: linearly, or as 3 s^2 - 2 s^3 if ``smooth``,
+    so its second derivative is at most 1.5 times their difference over the length.
     """
     change, length = after - before, 2 * size
     curve = np.zeros((5, corner.size))
