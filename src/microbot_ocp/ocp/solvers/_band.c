@@ -1,7 +1,7 @@
 /* Cholesky factorisation of a bordered band matrix for IPOPT, with the interface of MA27: ma27id_
- * sets defaults, ma27ad_ analyses, ma27bd_ factorises, ma27cd_ solves. It is for programs with
- * inequality rows only. With Sigma of the slacks s and Delta of the rows y diagonal, IPOPT's matrix
- * is
+ * sets defaults, ma27ad_ analyses, ma27bd_ factorises, ma27cd_ solves. It is for programs with few
+ * equations among their rows. With Sigma of the slacks s and Delta of the rows y diagonal, IPOPT's
+ * matrix is
  *
  *     | H    0     J'    | |x|   |a|
  *     | 0  Sigma  -I     | |s| = |b|                                                           (1)
@@ -13,16 +13,26 @@
  *
  * whose matrix is positive definite exactly if (1) has the inertia that IPOPT requires
  * (A. Forsgren, P. Gill, M. Wright, Interior methods for nonlinear optimization, SIAM Review 44,
- * 2002, section 6). Unknowns coupled to few others, such as coefficients of a spline, form a band
- * in their given order; unknowns coupled to many, such as durations, form the border. With the band
- * matrix A = L L' and the border [B C], the factor has the border X = B L^-T and the corner S with
+ * 2002, section 6). An equation has no slack. Eliminated with a slack of Sigma = 1 / SHIFT, its row
+ * E of J adds
+ *
+ *     E' E / (Delta + SHIFT)                                                                   (3)
+ *
+ * to this matrix. For a small SHIFT the sum is positive definite exactly if the rest is so where
+ * E x = 0, as IPOPT requires. The residual is that of (1), without such a slack, so refinement
+ * removes the perturbation (R. J. Vanderbei, Symmetric quasidefinite matrices, SIAM Journal on
+ * Optimization 5, 1995).
+ *
+ * Unknowns coupled to few others, such as coefficients of a spline, form a band in their given
+ * order; unknowns coupled to many, such as durations, form the border. With the band matrix
+ * A = L L' and the border [B C], the factor has the border X = B L^-T and the corner S with
  * S S' = C - X X'.
  *
- * All memory is allocated by IPOPT. `ikeep` holds the place of every unknown, negative in the
- * border, and a flag that is set once `iw` is filled: IPOPT passes `iw` as malloc returned it, with
- * the remains of earlier solvers. Integers `iw`: the sizes; the destination of each entry and the
- * lists of rows, set up by the first factorisation. Numbers `a`: entries in IPOPT's order, followed
- * by the arrays at the offsets in Layout.
+ * All memory is allocated by IPOPT. `ikeep` holds a flag that is set once `iw` is filled, the
+ * numbers of rows and equations, and the place of every unknown, negative in the border: IPOPT
+ * passes `iw` as malloc returned it, with the remains of earlier solvers. Integers `iw`: the sizes;
+ * the destination of each entry and the lists of rows, set up by the first factorisation. Numbers
+ * `a`: entries in IPOPT's order, followed by the arrays at the offsets in Layout.
  */
 #include <math.h>
 #include <stdint.h>
@@ -36,25 +46,29 @@
 #define WIDE 8         /* numbers per vector instruction */
 #define BLOCK 8        /* rows that are added in one pass */
 #define WIDEST 1024    /* largest length of a column of the band */
-#define OFTEN 3        /* entries of a border unknown, relative to the median of all unknowns */
+#define OFTEN 2        /* entries of a border unknown, relative to the median of all unknowns */
 #define SPARSE 3       /* span per entry above which a row is stored as a list */
-#define HEAD 7
+#define HEAD 8
+#define KEPT 3         /* integers before the places in `ikeep` */
+#define SHIFT 1e-7     /* equation (3), as in _ldl.c */
 
 typedef double Numbers __attribute__((vector_size(8 * WIDE)));
 typedef double Unaligned __attribute__((vector_size(8 * WIDE), aligned(8)));
+typedef int64_t Lanes __attribute__((vector_size(8 * WIDE)));
 #define AT(p) (*(Unaligned *)(p))
 
 typedef struct {
-    int unknowns, rows, border, band, width, entries; /* column length of the band; row entries */
+    int unknowns, rows, equations, border, band;
+    int width, entries;                        /* column length of the band; row entries */
     int *place, *to, *start, *first, *length, *column; /* the length of a list is negative */
     long side;                                 /* padded length of a vector over the band */
-    long h, f, b, l, c, s, sigma, delta, row, x, product, right, left, kept, waste, numbers;
+    long h, f, b, l, c, s, sigma, delta, share, row, x, product, right, left, kept, waste, numbers;
 } Layout;
 
 static void lay_out(Layout *o, int count, int *iw)
 {
     const long square = (long)(o->band + o->width) * o->width + 2 * WIDE, m = o->rows;
-    const long corner = (long)o->border * o->border, size = o->unknowns + 2 * m;
+    const long corner = (long)o->border * o->border, size = o->unknowns + 2 * m - o->equations;
     o->side = o->band + o->width + 2 * WIDE;
     long at = count;
     o->h = at, at += square;   /* H by columns of the band, each from its diagonal downwards */
@@ -65,6 +79,7 @@ static void lay_out(Layout *o, int count, int *iw)
     o->s = at, at += corner;
     o->sigma = at, at += m;
     o->delta = at, at += m;
+    o->share = at, at += m;    /* 1 / (1 + Sigma Delta) */
     o->row = at, at += o->entries + 2 * WIDE;
     o->x = at, at += o->side + o->border;
     o->product = at, at += o->side + o->border;
@@ -92,26 +107,35 @@ static void sorted(const int *irn, const int *icn, int k, int *i, int *j)
     *i = (irn[k] > icn[k] ? irn[k] : icn[k]) - 1, *j = (irn[k] > icn[k] ? icn[k] : irn[k]) - 1;
 }
 
-/* Number of rows m. The order is unknowns, slacks, rows, and the last row is coupled to the last
- * slack: that slack is the largest index below its own. */
-static int count_rows(int size, int count, const int *irn, const int *icn)
+/* Numbers of unknowns, rows m and equations. The order is unknowns, slacks, equations, other rows,
+ * and the last row is coupled to the last slack: that slack is the largest index below its own. A
+ * slack is coupled to nothing but the row m places behind it. */
+static Layout counted(int size, int count, const int *irn, const int *icn)
 {
-    int last = -1, i, j;
+    int last = -1, i, j, e = 0;
     for (int k = 0; k < count; k++) {
         sorted(irn, icn, k, &i, &j);
         if (i == size - 1 && j < i && j > last) last = j;
     }
-    return size - 1 - last;
+    const int m = size - 1 - last, first = size - 2 * m; /* slack, without equations */
+    for (int k = 0; k < count; k++) {
+        sorted(irn, icn, k, &i, &j);
+        if (i == j) continue;
+        if (i <= last && i - first >= e) e = i - first + 1;
+        if (j <= last && j - first >= e && i != j + m) e = j - first + 1;
+    }
+    return (Layout){.unknowns = first + e, .rows = m, .equations = e};
 }
 
-/* Set the places of the unknowns; return 1 if the matrix has the structure (1). */
-static int order(int n, int m, int count, const int *irn, const int *icn, int *place)
+/* Set the places of the unknowns; return 1 if the matrix has the structure (1). The m rows begin at
+ * the index `rows`. */
+static int order(int n, int m, int rows, int count, const int *irn, const int *icn, int *place)
 {
     int *degree = calloc(2 * (long)n, sizeof *degree), i, j, fits = degree != NULL;
     for (int k = 0; k < count && fits; k++) {
         sorted(irn, icn, k, &i, &j);
         if (i < n) degree[i]++, degree[j]++;
-        else if (i < n + m) fits = i == j;
+        else if (i < rows) fits = i == j;
         else fits = j < n || j == i || j == i - m;
     }
     if (fits) {
@@ -129,7 +153,7 @@ static int order(int n, int m, int count, const int *irn, const int *icn, int *p
 static int analyse(Layout *o, int size, int count, const int *irn, const int *icn,
                    const int *place, int *iw)
 {
-    const int m = o->rows, n = o->unknowns = size - 2 * m;
+    const int m = o->rows, n = o->unknowns, rows = size - m;
     int *low = malloc((4L * m + 1) * sizeof *low), *high = low + m, *held = low + 2 * m;
     int *edges = low + 3 * m, i, j;
     if (!low) return 0;
@@ -139,7 +163,7 @@ static int analyse(Layout *o, int size, int count, const int *irn, const int *ic
     for (int k = 0; k < count; k++) {
         sorted(irn, icn, k, &i, &j);
         if (j >= n) continue;
-        const int p = place[j], r = i - n - m;
+        const int p = place[j], r = i - rows;
         if (i < n && p >= 0 && place[i] >= 0 && abs(place[i] - p) >= o->width)
             o->width = abs(place[i] - p) + 1;
         if (i < n) continue;
@@ -174,13 +198,13 @@ static int analyse(Layout *o, int size, int count, const int *irn, const int *ic
             else if (p < 0 && q < 0)
                 to = o->c + (long)(s > t ? s : t) * o->border + (s > t ? t : s);
             else to = o->b + (p < 0 ? s : t) * o->side + (p < 0 ? q : p);
-        } else if (i < n + m) to = o->sigma + i - n;
-        else if (i == j) to = o->delta + i - n - m;
+        } else if (i < rows) to = o->sigma + i + m - rows;
+        else if (i == j) to = o->delta + i - rows;
         else if (j < n) {
-            const int r = i - n - m, begin = o->start[r], length = o->length[r];
+            const int r = i - rows, begin = o->start[r], length = o->length[r];
             int at = begin + place[j] - o->first[r];
             if (place[j] < 0)
-                at = begin + abs(length) + edges[r]++, o->column[at] = -1 - place[j];
+                at = begin + abs(length) + edges[r]++, o->column[at] = (int)o->side - 1 - place[j];
             else if (length < 0) at = begin + held[r]++, o->column[at] = place[j];
             to = o->row + at;
         }
@@ -194,23 +218,25 @@ void ma27ad_(const int *size, const int *entries, const int *irn, const int *icn
              const int *liw, int *ikeep, int *iw1, int *nsteps, int *iflag, int *icntl,
              double *cntl, int *info, double *ops)
 {
-    Layout o = {.rows = count_rows(*size, *entries, irn, icn)};
+    Layout o = counted(*size, *entries, irn, icn);
     (void)iw, (void)liw, (void)iw1, (void)iflag, (void)icntl, (void)cntl;
     memset(info, 0, 20 * sizeof *info);
     *nsteps = 1, *ops = 0, info[0] = MEMORY_LACKS;
-    const int n = *size - 2 * o.rows, m = o.rows;
-    if (n < 1 || m < 1 || !order(n, m, *entries, irn, icn, ikeep)) return;
-    if (!analyse(&o, *size, *entries, irn, icn, ikeep, NULL) || o.width > WIDEST) return;
+    const int n = o.unknowns, m = o.rows;
+    int *place = ikeep + KEPT;
+    if (n < 1 || m <= o.equations || !order(n, m, *size - m, *entries, irn, icn, place)) return;
+    if (!analyse(&o, *size, *entries, irn, icn, place, NULL) || o.width > WIDEST) return;
     const int64_t integers = HEAD + n + (int64_t)*entries + 3 * m + 1 + o.entries;
     if (o.numbers > INT32_MAX / 2 || integers > INT32_MAX / 2) return;
-    ikeep[n] = 0; /* nothing is in `iw` yet */
+    ikeep[0] = 0, ikeep[1] = m, ikeep[2] = o.equations; /* nothing is in `iw` yet */
     info[0] = 0, info[4] = (int)o.numbers, info[5] = (int)integers;
 }
 
-/* Add J' W J of the rows r to end - 1, which share their columns, to the band: equation (2). */
+/* Add J' W J of the rows r to end - 1, which share their columns, to the band: (2) and (3). */
 static void add_block(const Layout *o, double *a, int r, int end, const double *weight)
 {
     const int length = o->length[r], width = o->width;
+    const Lanes lane = {0, 1, 2, 3, 4, 5, 6, 7};
     for (int i = 0; i < length; i++) {
         double *to = a + o->f + (long)(o->first[r] + i) * width, factor[BLOCK];
         const double *row[BLOCK];
@@ -222,10 +248,8 @@ static void add_block(const Layout *o, double *a, int r, int end, const double *
             Numbers sum = AT(to + q - i);
             for (int k = 0; k < end - r; k++) {
                 /* A vector may reach into the next row of J: zero the numbers beyond this row. */
-                Numbers part = AT(row[k] + q);
-                if (q + WIDE > length)
-                    for (int z = length - q; z < WIDE; z++) part[z] = 0.0;
-                sum += factor[k] * part;
+                const Lanes part = (Lanes)AT(row[k] + q) & (lane < length - q);
+                sum += factor[k] * (Numbers)part;
             }
             AT(to + q - i) = sum;
         }
@@ -246,7 +270,7 @@ static void add_row(const Layout *o, double *a, int r, double weight)
                 weight * value[i] * value[q];
         }
     for (int e = 0; e < edges; e++) {
-        const int b = column[length + e];
+        const int b = column[length + e] - (int)o->side;
         const double factor = weight * value[length + e];
         double *to = a + o->l + b * o->side + (is_list ? 0 : o->first[r]);
         if (is_list)
@@ -254,7 +278,7 @@ static void add_row(const Layout *o, double *a, int r, double weight)
         else
             for (int q = 0; q < length; q++) to[q] += factor * value[q];
         for (int d = 0; d < edges; d++) {
-            const int other = column[length + d];
+            const int other = column[length + d] - (int)o->side;
             if (other <= b) a[o->s + b * o->border + other] += factor * value[length + d];
         }
     }
@@ -327,23 +351,29 @@ void ma27bd_(const int *size, const int *entries, const int *irn, const int *icn
     (void)la, (void)liw, (void)nsteps, (void)iw1, (void)icntl, (void)cntl;
     memset(info, 0, 20 * sizeof *info);
     *maxfrt = 1;
-    Layout o = {.rows = count_rows(*size, count, irn, icn)};
-    const int n = *size - 2 * o.rows, m = o.rows;
+    const int m = ikeep[1], e = ikeep[2], n = *size - 2 * m + e, *place = ikeep + KEPT;
+    Layout o = {.unknowns = n, .rows = m, .equations = e};
     /* The lists of an analysis are set up by its first factorisation. */
-    if (!ikeep[n]) {
-        if (!analyse(&o, *size, count, irn, icn, ikeep, iw)) {
+    if (!ikeep[0]) {
+        if (!analyse(&o, *size, count, irn, icn, place, iw)) {
             info[0] = MEMORY_LACKS;
             return;
         }
-        memcpy(o.place, ikeep, n * sizeof *ikeep);
-        const int sizes[HEAD] = {n, m, o.border, o.band, o.width, o.entries, count};
+        memcpy(o.place, place, n * sizeof *place);
+        const int sizes[HEAD] = {n, m, e, o.border, o.band, o.width, o.entries, count};
         memcpy(iw, sizes, sizeof sizes);
-        ikeep[n] = 1;
+        ikeep[0] = 1;
     }
-    o.unknowns = n, o.border = iw[2], o.band = iw[3], o.width = iw[4], o.entries = iw[5];
+    o.border = iw[3], o.band = iw[4], o.width = iw[5], o.entries = iw[6];
     lay_out(&o, count, iw);
     memset(a + count, 0, (o.x - count) * sizeof *a);
+    a[o.waste] = 0.0;
     for (int k = 0; k < count; k++) a[o.to[k]] += a[k];
+    if (a[o.waste] != e - m) { /* entries of slacks are not -1 */
+        info[0] = MEMORY_LACKS;
+        return;
+    }
+    for (int r = 0; r < e; r++) a[o.sigma + r] = 1.0 / SHIFT;
     memcpy(a + o.f, a + o.h, (o.b - o.f) * sizeof *a);
     memcpy(a + o.l, a + o.b, (o.c - o.l) * sizeof *a);
     memcpy(a + o.s, a + o.c, (o.sigma - o.s) * sizeof *a);
@@ -351,54 +381,50 @@ void ma27bd_(const int *size, const int *entries, const int *irn, const int *icn
         double weight[BLOCK];
         for (end = r; end < m && end < r + BLOCK && (end == r || same_columns(&o, r, end)); end++) {
             const double sigma = a[o.sigma + end];
-            weight[end - r] = sigma / (1.0 - sigma * a[o.delta + end]); /* delta holds -Delta */
+            a[o.share + end] = 1.0 / (1.0 - sigma * a[o.delta + end]); /* delta holds -Delta */
+            weight[end - r] = sigma * a[o.share + end];
             add_row(&o, a, end, weight[end - r]);
         }
         if (o.length[r] > 0) add_block(&o, a, r, end, weight);
     }
-    /* Inertia of (1): m negative eigenvalues, if the matrix of (2) is positive definite. */
+    /* Inertia of (1): m negative eigenvalues, if the matrix of (2) and (3) is positive definite. */
     info[14] = factor_band(&o, a) && factor_border(&o, a) ? m : m + 1;
 }
 
 /* Product of row r of J with a vector over band and border. */
-static double row_times(const Layout *o, const double *a, int r, const double *x)
+static inline double row_times(const Layout *o, const double *a, int r, const double *x)
 {
     const double *value = a + o->row + o->start[r];
-    const int length = abs(o->length[r]), count = o->start[r + 1] - o->start[r];
-    const int *column = o->column + o->start[r];
+    const int count = o->start[r + 1] - o->start[r], *column = o->column + o->start[r];
     double sum = 0.0;
-    if (o->length[r] > 0)
-        for (int q = 0; q < length; q++) sum += value[q] * x[o->first[r] + q];
-    else
-        for (int q = 0; q < length; q++) sum += value[q] * x[column[q]];
-    for (int q = length; q < count; q++) sum += value[q] * x[o->side + column[q]];
+    int q = 0;
+    for (; q < o->length[r]; q++) sum += value[q] * x[o->first[r] + q];
+    for (; q < count; q++) sum += value[q] * x[column[q]];
     return sum;
 }
 
 /* Add a multiple of row r of J to a vector over band and border. */
-static void add_times_row(const Layout *o, const double *a, int r, double factor, double *x)
+static inline void add_times_row(const Layout *o, const double *a, int r, double factor, double *x)
 {
     const double *value = a + o->row + o->start[r];
-    const int length = abs(o->length[r]), count = o->start[r + 1] - o->start[r];
-    const int *column = o->column + o->start[r];
-    if (o->length[r] > 0)
-        for (int q = 0; q < length; q++) x[o->first[r] + q] += value[q] * factor;
-    else
-        for (int q = 0; q < length; q++) x[column[q]] += value[q] * factor;
-    for (int q = length; q < count; q++) x[o->side + column[q]] += value[q] * factor;
+    const int count = o->start[r + 1] - o->start[r], *column = o->column + o->start[r];
+    int q = 0;
+    for (; q < o->length[r]; q++) x[o->first[r] + q] += value[q] * factor;
+    for (; q < count; q++) x[column[q]] += value[q] * factor;
 }
 
-/* Replace the right side by the solution: x by equation (2), followed by y and s by (1). */
+/* Replace the right side by the solution: x by (2) and (3), followed by y and s by (1). */
 static void solve(const Layout *o, double *a, const int *place, double *right)
 {
-    const int nb = o->border, m = o->rows, n = o->unknowns;
-    double *x = a + o->x, *border = x + o->side, *of_slacks = right + n, *of_rows = of_slacks + m;
+    const int nb = o->border, m = o->rows, n = o->unknowns, e = o->equations;
+    double *x = a + o->x, *border = x + o->side, *of_slacks = right + n - e;
+    double *of_rows = of_slacks + m;
     const double *s = a + o->s;
     memset(x, 0, (o->side + nb) * sizeof *x);
     for (int i = 0; i < n; i++) (place[i] < 0 ? border - 1 - place[i] : x + place[i])[0] = right[i];
     for (int r = 0; r < m; r++) {
-        const double sigma = a[o->sigma + r], scale = 1.0 - sigma * a[o->delta + r];
-        add_times_row(o, a, r, (sigma * of_rows[r] + of_slacks[r]) / scale, x);
+        const double sum = a[o->sigma + r] * of_rows[r] + (r < e ? 0.0 : of_slacks[r]);
+        add_times_row(o, a, r, sum * a[o->share + r], x);
     }
     /* Band and border of the factor: L z = x and S w = border - X z, */
     forward(o, a, x);
@@ -424,27 +450,37 @@ static void solve(const Layout *o, double *a, const int *place, double *right)
     }
     for (int i = 0; i < n; i++) right[i] = place[i] < 0 ? border[-1 - place[i]] : x[place[i]];
     for (int r = 0; r < m; r++) {
-        const double sigma = a[o->sigma + r], delta = -a[o->delta + r];
         const double along = row_times(o, a, r, x) - of_rows[r];
-        const double y = (sigma * along - of_slacks[r]) / (1.0 + sigma * delta);
-        of_slacks[r] = along - delta * y, of_rows[r] = y;
+        const double slack = r < e ? 0.0 : of_slacks[r];
+        of_rows[r] = (a[o->sigma + r] * along - slack) * a[o->share + r];
+        if (r >= e) of_slacks[r] = along + a[o->delta + r] * of_rows[r];
     }
 }
 
-/* Set `left` to the right side of (1) minus matrix times solution; return its largest entry. */
+/* Euclidean norm. */
+static double norm(const double *x, int count)
+{
+    double sum = 0.0;
+    for (int i = 0; i < count; i++) sum += x[i] * x[i];
+    return sqrt(sum);
+}
+
+/* Set `left` to the right side of (1) minus matrix times solution; return its norm. */
 static double residual(const Layout *o, double *a, const int *place, const double *right,
                        const double *solution, double *left)
 {
-    const int n = o->unknowns, m = o->rows, nb = o->border, band = o->band;
-    const double *s = solution + n, *y = s + m;
-    double *x = a + o->x, *product = a + o->product, most = 0.0;
+    const int n = o->unknowns, m = o->rows, nb = o->border, band = o->band, e = o->equations;
+    const double *s = solution + n - e, *y = s + m, *of_slacks = right + n - e;
+    const double *of_rows = of_slacks + m;
+    double *x = a + o->x, *product = a + o->product;
     memset(x, 0, (o->side + nb) * sizeof *x);
     memset(product, 0, (o->side + nb) * sizeof *product);
     for (int i = 0; i < n; i++)
         (place[i] < 0 ? x + o->side - 1 - place[i] : x + place[i])[0] = solution[i];
     for (int r = 0; r < m; r++) {
-        left[n + r] = right[n + r] - a[o->sigma + r] * s[r] + y[r];
-        left[n + m + r] = right[n + m + r] - row_times(o, a, r, x) + s[r] - a[o->delta + r] * y[r];
+        const double slack = r < e ? 0.0 : s[r];
+        if (r >= e) left[n - e + r] = of_slacks[r] - a[o->sigma + r] * slack + y[r];
+        left[n - e + m + r] = of_rows[r] - row_times(o, a, r, x) + slack - a[o->delta + r] * y[r];
         add_times_row(o, a, r, y[r], product);
     }
     /* The columns of H hold its lower triangle: an entry off the diagonal counts twice. */
@@ -470,9 +506,7 @@ static double residual(const Layout *o, double *a, const int *place, const doubl
     }
     for (int i = 0; i < n; i++)
         left[i] = right[i] - product[place[i] < 0 ? o->side - 1 - place[i] : place[i]];
-    for (int i = 0; i < n + 2 * m; i++)
-        if (!(fabs(left[i]) <= most)) most = fabs(left[i]);
-    return most;
+    return norm(left, n + 2 * m - e);
 }
 
 void ma27cd_(const int *size, double *a, const int *la, int *iw, const int *liw, double *w,
@@ -480,16 +514,16 @@ void ma27cd_(const int *size, double *a, const int *la, int *iw, const int *liw,
 {
     const int length = *size, *place;
     (void)la, (void)liw, (void)w, (void)maxfrt, (void)iw1, (void)nsteps, (void)icntl, (void)cntl;
-    Layout o = {.unknowns = iw[0], .rows = iw[1], .border = iw[2], .band = iw[3], .width = iw[4]};
-    o.entries = iw[5];
-    lay_out(&o, iw[6], iw);
+    Layout o = {.unknowns = iw[0], .rows = iw[1], .equations = iw[2], .border = iw[3]};
+    o.band = iw[4], o.width = iw[5], o.entries = iw[6];
+    lay_out(&o, iw[7], iw);
     place = o.place;
-    double *right = a + o.right, *left = a + o.left, *kept = a + o.kept, wanted = 0.0, last;
+    double *right = a + o.right, *left = a + o.left, *kept = a + o.kept, last;
     memcpy(right, rhs, length * sizeof *right);
-    for (int i = 0; i < length; i++) wanted = fmax(wanted, fabs(rhs[i]));
+    const double wanted = ACCURATE * norm(rhs, length);
     solve(&o, a, place, rhs);
     last = residual(&o, a, place, right, rhs, left);
-    for (int round = 0; round < MOST_REFINED && last > ACCURATE * wanted; round++) {
+    for (int round = 0; round < MOST_REFINED && last > wanted; round++) {
         memcpy(kept, rhs, length * sizeof *kept);
         solve(&o, a, place, left);
         for (int i = 0; i < length; i++) rhs[i] += left[i];

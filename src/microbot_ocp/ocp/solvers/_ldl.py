@@ -4,7 +4,7 @@ The first is L D L' with AMD ordering: stage by stage, the matrices of an optima
 are small, and MUMPS spends most of its time on bookkeeping. ``_ldl.c`` describes the method. AMD is
 taken from the OSQP library that comes with CasADi. MUMPS is used if AMD or a compiler is missing,
 and after IPOPT fails or finds a program infeasible with L D L'. The second solver, ``_band.c``, is
-for programs without equations and with a banded matrix.
+for programs with few equations and a banded matrix.
 
 Theory: docs/theory/transcription.md, "Solvers".
 """
@@ -31,7 +31,7 @@ from microbot_ocp._base.codegen import ANY_ORDER, build_library, compiler, compi
 Options = Mapping[str, Mapping[str, Any]]  # keys: solver names
 
 NAME = "ldl"  # value of ``linear_solver`` in the options of IPOPT
-BAND = "band"  # value for the solver of programs without equations
+BAND = "band"  # value for the solver of banded programs with few equations
 
 
 def asks_for_ldl(options: Options) -> bool:
