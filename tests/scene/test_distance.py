@@ -118,9 +118,14 @@ def test_derivatives_of_all_pairs_together_are_those_of_automatic_differentiatio
     automatic = ca.Function("f", [q, weights], [value, ca.jacobian(value, q), gradient, hessian])
     first, second, values = limit.expression.derivatives(robot, compiled=False)
     random = np.random.default_rng(4)
-    for pose in random.uniform(-2.0, 2.0, (5, 3)):
-        pull = random.normal(size=len(limit.labels))
-        made = (*first(pose), *second(pose, pull))
-        for own, expected in zip(made, automatic(pose, pull), strict=True):
-            np.testing.assert_allclose(np.array(own), np.array(expected), atol=1e-12)
-        np.testing.assert_allclose(np.array(values(pose)), np.array(made[0]), atol=1e-15)
+    poses = random.uniform(-2.0, 2.0, (5, 3))
+    pulls = random.normal(size=(5, len(limit.labels)))
+    at_once = limit.expression.in_poses(robot, 5)
+    tables = (*at_once.slopes(poses), *at_once.curvature(poses, pulls))
+    for k, (pose, pull) in enumerate(zip(poses, pulls, strict=True)):
+        wanted = [np.array(part) for part in automatic(pose, pull)]
+        made = [np.array(part) for part in (*first(pose), *second(pose, pull))]
+        for own, table, expected in zip(made, tables, wanted, strict=True):
+            np.testing.assert_allclose(own, expected, atol=1e-12)
+            np.testing.assert_allclose(table[k], expected.reshape(table[k].shape), atol=1e-12)
+        np.testing.assert_allclose(np.array(values(pose)), made[0], atol=1e-15)

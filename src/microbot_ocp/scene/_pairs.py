@@ -8,9 +8,9 @@ Matrix products combine both, so a new scene needs no compilation.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import casadi as ca
@@ -18,6 +18,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.codegen import compile_recipe
+from microbot_ocp._base.fast_calls import RowsInPlace, rows_in_place
 from microbot_ocp.robot import Capsule, Robot, link_poses
 from microbot_ocp.scene._obstacles import Obstacle, core_distance, core_parameters, core_radius
 
@@ -86,6 +87,10 @@ class Distances:
         sum; and ``(q) -> values``.
         """
         return _derivatives(robot, self.pairs, compiled)
+
+    def in_poses(self, robot: Robot, count: int) -> DistancesInPoses:
+        """Return the distances and their derivatives in a number of poses at once."""
+        return DistancesInPoses(robot, self.pairs, count)
 
 
 def _thicker(pairs: Sequence[Pair]) -> ca.DM:
@@ -244,3 +249,167 @@ def _of_axes(
 
     places = [(frame, c.start.tolist(), c.end.tolist()) for frame, c in axes]
     return compile_recipe(f"{poses.serialize()} {places}", make) if compiled else make()
+
+
+# many poses ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Group:
+    """Pairs of one kind, in N poses.
+
+    Attributes
+    ----------
+    chosen : list of int [K]
+        Indices of the pairs.
+    axes : list of list of int [K]
+        Indices of the moving axes, one list for each side of the pairs.
+    sums : list of array [A,K]
+        Matrices that sum rows of pairs by their axes, one for each side.
+    slopes, curves : RowsInPlace
+        Functions of the pairs, for N K rows.
+    """
+
+    chosen: list[int]
+    axes: list[list[int]]
+    sums: list[FloatArray]
+    slopes: RowsInPlace
+    curves: RowsInPlace
+
+    @cached_property
+    def values(self) -> FloatArray:
+        """Distances [N,K], m, in the memory of the functions."""
+        return self.slopes.outputs[0].reshape(-1, len(self.chosen))
+
+    @cached_property
+    def parts(self) -> list[FloatArray]:
+        """Slopes [N,K,6] by the ends of the axes of each side, in the memory of the functions."""
+        slopes = self.slopes.outputs[1].reshape(len(self.values), len(self.chosen), -1)
+        return np.split(slopes, len(self.axes), axis=2)
+
+
+class DistancesInPoses:
+    """Distances of k pairs in N poses with derivatives by the joints, for repeated evaluation.
+
+    The functions of a pair depend on its kind, those of the axes on the arm: both are built once,
+    and arrays over all pairs and poses join them by the chain rule.
+    """
+
+    def __init__(self, robot: Robot, pairs: Sequence[Pair], count: int) -> None:
+        axes = dict.fromkeys(axis for pair in pairs for axis in _axes(pair))
+        # Axes of the whole arm, if they suffice, give the same functions to every scene.
+        whole = dict.fromkeys((frame, capsule) for frame, capsule in robot.capsules if frame)
+        axes = list(whole if axes.keys() <= whole.keys() else axes)
+        column = {axis: number for number, axis in enumerate(axes)}
+        # Without further limits: those change with every scene.
+        makers = _axes_in_rows(link_poses(robot.with_limits(also=())), tuple(axes))
+        self._place, self._bend = (make(count) for make in makers)
+        ends, moved = self._place.outputs
+        self._ends = ends.reshape(count, len(axes), 6)
+        self._moved = moved.reshape(count, len(axes), 6, -1)
+        self._thicker = np.array([pair.thicker for pair in pairs])
+        self._groups = list[_Group]()
+        for key in dict.fromkeys(map(_kind, pairs)):
+            chosen = [k for k, pair in enumerate(pairs) if _kind(pair) == key]
+            rows = ([column[axis] for axis in _axes(pairs[k])] for k in chosen)
+            sides = [list(side) for side in zip(*rows, strict=True)]
+            sums = [(np.arange(len(axes))[:, None] == side).astype(float) for side in sides]
+            functions = [make(count * len(chosen)) for make in _pair_in_rows(*key)]
+            for memory in functions:
+                shape = (count, len(chosen), -1)
+                memory.inputs[1].reshape(shape)[...] = [_numbers(pairs[k]) for k in chosen]
+            self._groups.append(_Group(chosen, sides, sums, *functions))
+        self._place.inputs[0][...] = np.nan  # no poses yet
+
+    def _move(self, q: FloatArray) -> None:
+        """Place the axes in poses [N,n], unless they are there."""
+        if np.array_equal(q, self._place.inputs[0]):
+            return
+        self._place.inputs[0][...] = q
+        self._place.run()
+        for group in self._groups:
+            rows = group.slopes.inputs[0].reshape(len(q), len(group.chosen), -1)
+            for k, side in enumerate(group.axes):
+                rows[..., 6 * k : 6 * k + 6] = self._ends[:, side]
+            group.slopes.run()
+
+    def slopes(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the distances [N,k], m, in poses [N,n], and their slopes [N,k,n]."""
+        self._move(q)
+        values, slopes = (
+            np.empty((len(q), self._thicker.size, *more)) for more in ((), (q.shape[1],))
+        )
+        for group in self._groups:
+            values[:, group.chosen] = group.values
+            slopes[:, group.chosen] = sum(
+                (part[:, :, None] @ self._moved[:, side])[:, :, 0]
+                for part, side in zip(group.parts, group.axes, strict=True)
+            )
+        return values + self._thicker, slopes
+
+    def curvature(self, q: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return gradient [N,n] and Hessian [N,n,n] of the sum with weights [N,k].
+
+        H = e'^T d'' e' + sum_e d'(e) e''(q): pairs of one axis are summed before the products.
+        """
+        self._move(q)
+        (count, axes), joints = self._ends.shape[:2], q.shape[1]
+        pulls, bows = np.zeros((count, axes, 6)), np.zeros((count, axes, 36))
+        hessian = np.zeros((count, joints, joints))
+        for group in self._groups:
+            group.curves.inputs[0][...] = group.slopes.inputs[0]
+            group.curves.run()
+            weight = weights[:, group.chosen, None]
+            curve = weight * group.curves.outputs[0].reshape(count, len(group.chosen), -1)
+            for part, sums in zip(group.parts, group.sums, strict=True):
+                pulls += sums @ (weight * part)
+            if len(group.axes) == 1:
+                bows += group.sums[0] @ curve
+                continue
+            both = np.concatenate([self._moved[:, side] for side in group.axes], axis=2)
+            both = both.reshape(-1, 12, joints)
+            bent = both.swapaxes(1, 2) @ (curve.reshape(-1, 12, 12) @ both)
+            hessian += bent.reshape(count, -1, joints, joints).sum(axis=1)
+        moved = self._moved
+        bent = moved.swapaxes(2, 3) @ (bows.reshape(count, axes, 6, 6) @ moved)
+        hessian += bent.sum(axis=1)
+        self._bend.inputs[0][...], self._bend.inputs[1][...] = q, pulls.reshape(count, -1)
+        self._bend.run()
+        hessian += self._bend.outputs[0].reshape(hessian.shape)
+        gradient = pulls.reshape(count, 1, -1) @ moved.reshape(count, -1, joints)
+        return gradient[:, 0], hessian
+
+
+Maker = Callable[[int], RowsInPlace]
+
+
+@lru_cache(maxsize=64)
+def _pair_in_rows(kind: type[Obstacle], count: int) -> tuple[Maker, Maker]:
+    """Return makers of ``(ends[e], numbers) -> distance, slope[e]`` and ``Hessian[e e]``."""
+    distance = _distance(kind, count)
+    ends, numbers = (ca.SX.sym("x", distance.size1_in(k)) for k in range(2))
+    value = distance(ends, numbers)
+    hessian, slope = ca.hessian(value, ends)
+    slope, hessian = ca.densify(slope), ca.densify(ca.vec(ca.densify(hessian)))
+    return (
+        rows_in_place(ca.Function("pair_slope", [ends, numbers], ca.cse([value, slope]))),
+        rows_in_place(ca.Function("pair_curve", [ends, numbers], ca.cse([hessian]))),
+    )
+
+
+@lru_cache(maxsize=64)
+def _axes_in_rows(poses: ca.Function, axes: tuple[tuple[int, Capsule], ...]) -> tuple[Maker, Maker]:
+    """Return makers of ``(q) -> ends [A 6], slopes [A 6 n]`` and of ``(q, weights [A 6]) ->
+    Hessian`` of the weighted sum.
+    """
+    q = ca.SX.sym("q", poses.size1_in(0))
+    placed = ca.horzsplit(poses(q), 4)
+    ends = ca.vertcat(*(_ends(placed, *axis) for axis in axes))
+    weights = ca.SX.sym("weights", 6 * len(axes))
+    slopes = ca.densify(ca.vec(ca.densify(ca.jacobian(ends, q)).T))
+    curve = ca.densify(ca.vec(ca.densify(ca.hessian(ca.dot(weights, ends), q)[0])))
+    both = ca.cse([ca.densify(ends), slopes])
+    return (
+        rows_in_place(ca.Function("axes", [q], both)),
+        rows_in_place(ca.Function("axes_curve", [q, weights], ca.cse([curve]))),
+    )

@@ -23,15 +23,16 @@ from microbot_ocp.planning.free import (
 )
 from microbot_ocp.planning.free._flat_loops import NumpyLoops
 from microbot_ocp.planning.free._flat_program import GROSS_EXCESS, FlatProgram
-from microbot_ocp.planning.task import SMOOTHING, WINDOW, dry_friction
+from microbot_ocp.planning.task import SMOOTHING, WINDOW, dry_friction, passing, task_of
 from planning.shared import VIA_Q, arm
 
 needs_a_compiler = pytest.mark.skipif(codegen.compiler() is None, reason="there is no C compiler")
 TIGHT = SolverSettings("ipopt", tolerance=1e-8, gap=1e-7)
 
 
-def flat_of(robot, via, payload=False) -> FlatTranscription:
-    form = flat_form(robot, np.ascontiguousarray(via).tobytes(), len(via), payload=payload)
+def flat_of(robot, via, payload=False, conditions=None) -> FlatTranscription:
+    given = np.ascontiguousarray(via).tobytes(), len(via)
+    form = flat_form(robot, *given, payload=payload, conditions=conditions)
     assert form is not None
     return form
 
@@ -41,9 +42,9 @@ def guess_of(robot, via):
     return first.guesses
 
 
-def uneven_program(robot, via, seed=1) -> tuple[FlatProgram, np.ndarray]:
+def uneven_program(robot, via, seed=1, conditions=None) -> tuple[FlatProgram, np.ndarray]:
     """Return a small program on an uneven mesh, and unknowns near a guess."""
-    rng, form = np.random.default_rng(seed), flat_of(robot, via)
+    rng, form = np.random.default_rng(seed), flat_of(robot, via, conditions=conditions)
     if dry_friction(robot).any():  # windows as wide as the velocities, so that all terms count
         numbers = {WINDOW: 0.05, SMOOTHING: 0.5}
         form = form.with_parameters(dict.fromkeys(phase_names(len(via) - 1), numbers))
@@ -89,6 +90,30 @@ def test_derivatives_with_dry_friction_are_right_from_six_joints_on():
     """Torques have derivatives of their own there."""
     via = 0.5 * np.random.default_rng(3).normal(size=(3, 6))
     check_derivatives(*uneven_program(rubbing(mo.load_robot("ur5e"), **LIMITED["rates"]), via))
+
+
+def test_derivatives_of_distances_are_those_of_differences(microbot):
+    """One segment has obstacles and the other has none."""
+    robot = microbot.with_capsules(mo.robot.link_capsules(microbot))
+    bodies = mo.scene.Sphere([0.5, 0.5, 0.5], 0.1), mo.scene.Box([0.2, 0.3, 0.4], [0.8, -0.6, 0.2])
+    among = robot.with_limits(also=[mo.Scene(bodies).limit(robot)])
+    conditions = replace(passing(robot, VIA_Q), robots=(among, robot))
+    program, x = uneven_program(among, VIA_Q, conditions=conditions)
+    assert {entry.name for block in program.layouts[0].rows for entry in block.entries} > {
+        "distance"
+    }
+    check_derivatives(program, x)
+
+
+@pytest.mark.parametrize("cycle", [False, True], ids=["poses", "cycle"])
+def test_derivatives_of_conditions_at_stops_are_those_of_differences(microbot, cycle):
+    at = np.array(mo.forward_kinematics(microbot)(VIA_Q[1]))[:3, 3]
+    stops = [mo.Stop(q=VIA_Q[0], velocity="any" if cycle else None)]
+    stops.append(mo.Stop(position=at, velocity="any"))
+    stops += [] if cycle else [mo.Stop(position=at + 0.01)]
+    conditions = task_of(microbot, stops, cycle=cycle).conditions
+    assert conditions.closed == (("qd",) if cycle else ())
+    check_derivatives(*uneven_program(microbot, VIA_Q, conditions=conditions))
 
 
 def check_derivatives(program, x):
@@ -213,7 +238,7 @@ def test_its_mesh_points_are_one_spline(microbot):
 @pytest.mark.parametrize(("limits", "within"), [({}, 1e-6), ({"taud_max": 2000.0}, 1e-3)])
 def test_with_dry_friction_its_optimum_is_that_of_the_program_with_states(limits, within):
     robot, via = rubbing(arm(), **limits), np.array([[0.0, 0.0], [1.0, -0.5], [0.2, 0.6]])
-    numbers = {name: {WINDOW: 0.01, SMOOTHING: 0.1} for name in phase_names(2)}
+    numbers = {name: {WINDOW: 0.02, SMOOTHING: 0.1} for name in phase_names(2)}
     stated = transcription(robot, via.tobytes(), len(via), False).with_parameters(numbers)
     flat, guess = flat_of(robot, via).with_parameters(numbers), guess_of(robot, via)
     with_states, without = (solve_on(form, 20, guess, TIGHT) for form in (stated, flat))
@@ -271,8 +296,11 @@ def test_what_it_cannot_state_is_left_to_the_program_with_states():
 # the band solver ----------------------------------------------------------------------------------
 
 
-def banded_matrix(rng, unknowns=30, rows=50, width=4, border=2):
-    """Return entries of IPOPT's matrix of a program with inequality rows, H positive definite."""
+def banded_matrix(rng, unknowns=30, rows=50, width=4, border=2, equations=0):
+    """Return IPOPT's matrix of a program and its number of rows, of which equations are the first.
+
+    H is positive definite, except across the equations.
+    """
     size = unknowns + border
     hessian, jacobian = np.zeros((size, size)), np.zeros((rows, size))
     for k in range(unknowns):
@@ -283,6 +311,7 @@ def banded_matrix(rng, unknowns=30, rows=50, width=4, border=2):
         first = rng.integers(0, unknowns - width)
         jacobian[r, first : first + width] = rng.normal(size=width)
         jacobian[r, unknowns + rng.integers(border)] = rng.normal()
+    hessian -= 100.0 * jacobian[:equations].T @ jacobian[:equations]
     sigma, delta = 10.0 ** rng.uniform(-3, 5, rows), rng.uniform(0.0, 1e-6, rows)
     matrix = np.block(
         [
@@ -291,7 +320,8 @@ def banded_matrix(rng, unknowns=30, rows=50, width=4, border=2):
             [jacobian, -np.eye(rows), -np.diag(delta)],
         ]
     )
-    return matrix, rows
+    gone = size + np.arange(equations)
+    return np.delete(np.delete(matrix, gone, 0), gone, 1), rows
 
 
 def factored(matrix, rows, library=None, left=0):
@@ -334,16 +364,17 @@ def factored(matrix, rows, library=None, left=0):
 
 
 @needs_a_compiler
+@pytest.mark.parametrize("equations", [0, 1, 6])
 @pytest.mark.parametrize("seed", range(5))
-def test_the_band_solver_solves_and_tells_the_inertia(seed):
+def test_the_band_solver_solves_and_tells_the_inertia(seed, equations):
     rng = np.random.default_rng(seed)
-    matrix, rows = banded_matrix(
-        rng, width=int(rng.integers(2, 12)), border=int(rng.integers(1, 4))
-    )
+    width, border = int(rng.integers(2, 12)), int(rng.integers(1, 4))
+    matrix, rows = banded_matrix(rng, width=width, border=border, equations=equations)
     negative, solve, _ = factored(matrix, rows)
     assert negative == rows == (np.linalg.eigvalsh(matrix) < 0).sum()
     right = rng.normal(size=len(matrix))
     np.testing.assert_allclose(matrix @ solve(right), right, atol=1e-8)
+    np.testing.assert_allclose(solve(right), np.linalg.solve(matrix, right), rtol=1e-6, atol=1e-6)
 
 
 @needs_a_compiler
@@ -363,7 +394,8 @@ def test_the_band_solver_trusts_nothing_that_another_one_left_in_its_memory(tmp_
 
 
 @needs_a_compiler
-def test_the_band_solver_tells_what_is_not_positive_definite():
-    matrix, rows = banded_matrix(np.random.default_rng(0))
+@pytest.mark.parametrize("equations", [0, 6])
+def test_the_band_solver_tells_what_is_not_positive_definite(equations):
+    matrix, rows = banded_matrix(np.random.default_rng(0), equations=equations)
     matrix[0, 0] = -1e9
     assert factored(matrix, rows)[0] > rows

@@ -17,9 +17,10 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.fast_calls import RowsInPlace
+from microbot_ocp.limits import Limit
 from microbot_ocp.ocp.transcription import Label, Program
 from microbot_ocp.planning.free._flat_loops import ENDS, Form, loops_of
-from microbot_ocp.planning.free._flat_rows import FlatRows, Scales, WindowPlaces
+from microbot_ocp.planning.free._flat_rows import NOWHERE, FlatRows, Places, Scales, WindowPlaces
 from microbot_ocp.planning.free._point_limits import ORDERS, PointLimits
 from microbot_ocp.planning.free._spline import PLACES, SLOPES, IntArray
 
@@ -31,13 +32,20 @@ class FlatEvaluation:
         rows = structure.rows
         self.rows, self.form = rows, form
         self.loops = loops_of(rows, form, structure.places)
+        self._at_stops = structure.at_stops
         unknowns = form.scales.unknowns
         first, second = structure.of_hessian
         self._jacobian_scale = unknowns[structure.of_jacobian[1]]
         self._hessian_scale = unknowns[first] * unknowns[second]
         self._starts = form.starts[rows.phase]
         self._groups = [
-            _LimitsInPlace(points, limits, held[points]) for points, limits in _phases_with(rows)
+            _LimitsInPlace(points, limits, held[points], form.pairs)
+            for points, limits in _phases_with(rows)
+        ]
+        self._distances = [
+            _DistancesInPlace(rows, points, limits, *each)
+            for points, limits in _phases_with(rows)
+            for each in limits.distances
         ]
         self._q = np.zeros((ORDERS, form.points, form.joints))
         self._at: bytes = b""
@@ -64,7 +72,7 @@ class FlatEvaluation:
         key = x.tobytes()
         if key == self._at:
             return
-        unknowns = x * self.form.scales.unknowns
+        self._unknowns = unknowns = x * self.form.scales.unknowns
         self._T = np.ascontiguousarray(unknowns[self.rows.layout.durations])
         self.loops.move(unknowns, self._T, self._q)
         self._q[0] += self._starts
@@ -72,16 +80,15 @@ class FlatEvaluation:
 
     def _called(self, name: str, weights: FloatArray | None = None) -> list[FloatArray]:
         """Return the outputs of a limit function at all points; valid until the next call."""
-        parts = [group.called(name, self._q, weights) for group in self._groups]
-        if len(parts) == 1:
-            return parts[0]
-        outputs = []
-        for each in zip(*parts, strict=True):
-            every = np.zeros((self.form.points, max(part.shape[1] for part in each)))
-            for group, part in zip(self._groups, each, strict=True):
-                every[group.points, : part.shape[1]] = part
-            outputs.append(every)
-        return outputs
+        if len(self._groups) == 1 and not self._distances:
+            return self._groups[0].called(name, self._q, weights)
+        n, rows, blocks = self.form.joints, self.form.rows, len(self.form.pairs)
+        shapes = {"values": [(rows,)], "slopes": [(rows,), (ORDERS, rows, n)]}
+        shapes["curvature"] = [(ORDERS * n,), (blocks, n**2)]
+        outputs = [np.zeros((self.form.points, *shape)) for shape in shapes[name]]
+        for group in (*self._groups, *self._distances):
+            group.put(name, self._q, weights, outputs)
+        return [output.reshape(len(output), -1) for output in outputs]
 
     def cost(self, x: FloatArray) -> float:
         return self.gradient(x)[0]
@@ -98,7 +105,9 @@ class FlatEvaluation:
     def values(self, x: FloatArray) -> FloatArray:
         """Return the values of all rows."""
         self._move(x)
-        if "values" not in self._known:
+        if self._distances:  # the slopes of distances are a part of their values
+            self._with_slopes()
+        elif "values" not in self._known:
             self._known["values"] = self._called("values")[0]
         return self._rows_of(self._known["values"])
 
@@ -121,7 +130,15 @@ class FlatEvaluation:
                 if moved.windows.is_interval:
                     table[moved.windows.points[:, 0]] = moved.jerk / self.form.scales.jerk
             g[jerks] = table[self._jerks]
+        for stop, (values, _) in zip(self.rows.at_stops, self._stops(), strict=True):
+            g[stop.numbers] = values
         return g
+
+    def _stops(self) -> list[tuple[FloatArray, FloatArray]]:
+        """Return values and slopes of the conditions at via points."""
+        if "stops" not in self._known:
+            self._known["stops"] = [stop.slopes(self._unknowns) for stop in self.rows.at_stops]
+        return self._known["stops"]
 
     def jacobian(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the values of the rows and the nonzeros of their Jacobian."""
@@ -129,6 +146,8 @@ class FlatEvaluation:
         self._with_slopes()
         entries = np.zeros(self._jacobian_scale.size)
         self.loops.jacobian(self._T, self._known["values"], self._known["slopes"], entries)
+        for (places, _), (_, slopes) in zip(self._at_stops, self._stops(), strict=True):
+            entries[places] = slopes
         return self._rows_of(self._known["values"]), entries * self._jacobian_scale
 
     def _with_slopes(self) -> None:
@@ -175,14 +194,21 @@ class FlatEvaluation:
         entries = np.zeros(self._hessian_scale.size)
         given = self._T, values, slopes, blocks, gradient, of_rates, of_jerks
         self.loops.hessian(*given, of_cost, entries)
+        for stop, (_, places) in zip(rows.at_stops, self._at_stops, strict=True):
+            kept = places != NOWHERE
+            bent = stop.curvature(self._unknowns, lam[stop.numbers])
+            np.add.at(entries, places[kept], bent[kept])
         return entries * self._hessian_scale
 
 
 class _LimitsInPlace:
     """Limit functions of one or more phases, at some points of a program, in their own memory."""
 
-    def __init__(self, points: Any, limits: PointLimits, held: FloatArray) -> None:
+    def __init__(self, points: Any, limits: PointLimits, held: FloatArray, pairs: IntArray) -> None:
         self.points, self._limits = points, limits
+        # Blocks of second derivatives among those of all phases.
+        every = list(map(tuple, pairs.tolist()))
+        self._blocks = np.array([every.index(pair) for pair in limits.pairs])
         self._memory: dict[str, RowsInPlace] = {}
         self._held = held
 
@@ -195,9 +221,57 @@ class _LimitsInPlace:
         for order in range(ORDERS):
             memory.inputs[order][...] = q[order, self.points]
         if weights is not None:
-            memory.inputs[-1][...] = weights[self.points, : self._limits.count]
+            memory.inputs[-1][...] = weights[self.points, : self._count]
         memory.run()
         return memory.outputs
+
+    @property
+    def _count(self) -> int:
+        """Number of rows of the tables; distances follow."""
+        return self._limits.count - sum(of.stop - of.start for _, of in self._limits.distances)
+
+    def put(
+        self, name: str, q: FloatArray, weights: FloatArray | None, outputs: list[FloatArray]
+    ) -> None:
+        """Store the outputs of a function among those of all points, with their shapes."""
+        first, *second = self.called(name, q, weights)
+        if name == "curvature":
+            outputs[0][self.points] = first
+            place = np.ix_(np.arange(len(q[0]))[self.points], self._blocks)
+            outputs[1][place] = second[0].reshape(len(first), len(self._blocks), -1)
+            return
+        outputs[0][self.points, : self._count] = first
+        if second:
+            by_order = second[0].reshape(len(first), ORDERS, self._count, q.shape[2])
+            outputs[1][self.points, :, : self._count] = by_order
+
+
+class _DistancesInPlace:
+    """Limits with derivatives of their own, at the points of a program that have their rows."""
+
+    def __init__(
+        self, rows: FlatRows, points: Any, limits: PointLimits, limit: Limit, columns: slice
+    ) -> None:
+        points = np.arange(rows.layout.points)[points]
+        self.points = points[(rows.at_points[points, columns] >= 0).any(axis=1)]
+        self.columns, self._scale = columns, limits.scale[columns]
+        self._rows = limit.expression.in_poses(limits.robot, self.points.size)
+
+    def put(
+        self, name: str, q: FloatArray, weights: FloatArray | None, outputs: list[FloatArray]
+    ) -> None:
+        """Store values and slopes of the rows, or add their curvature, as of other limits."""
+        at = q[0, self.points]
+        if weights is not None:
+            given = weights[self.points, self.columns] / self._scale
+            gradient, hessian = self._rows.curvature(at, given)
+            outputs[0][self.points, : at.shape[1]] += gradient
+            outputs[1][self.points, 0] += hessian.reshape(len(at), -1)
+            return
+        values, slopes = self._rows.slopes(at)
+        outputs[0][self.points, self.columns] = values / self._scale
+        if name == "slopes":
+            outputs[1][self.points, 0, self.columns] = slopes / self._scale[:, None]
 
 
 def _phases_with(rows: FlatRows) -> list[tuple[Any, PointLimits]]:
@@ -259,12 +333,15 @@ class FlatStructure:
     rows : FlatRows
     jacobian, hessian : casadi.Sparsity
     places : list of WindowPlaces
+    at_stops : list of (array [r,2n], array [2n,2n])
+        Places of the conditions at via points in both.
     """
 
     rows: FlatRows
     jacobian: ca.Sparsity
     hessian: ca.Sparsity
     places: list[WindowPlaces]
+    at_stops: Places
 
     @cached_property
     def of_jacobian(self) -> tuple[IntArray, IntArray]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -98,6 +99,7 @@ class FlatLayout:
         unit = {
             key: self.family[key].units if key in self.family else () for key, *_ in limits.names
         }
+        sizes = Counter(key for key, *_ in limits.names)
         of_limits = [
             (
                 "constraint",
@@ -105,31 +107,39 @@ class FlatLayout:
                 k,
                 unit[key][k] if unit[key] else "",
                 limits.scale[row],
+                sizes[key],
             )
             for row, (key, k, _) in enumerate(limits.names)
         ]
         n = rows.layout.count
         of_motion = [
-            ("bound", key, k, self.family.robot.unit(key, k), self.scales.motion[order, k])
+            ("bound", key, k, self.family.robot.unit(key, k), self.scales.motion[order, k], n)
             for order, key in enumerate(POINT_KEYS)
             for k in range(n)
         ]
         of_jerks = [
-            ("constraint", "jerk", k, self.family.robot.unit("qddd", k), self.scales.jerk[k])
+            ("constraint", "jerk", k, self.family.robot.unit("qddd", k), self.scales.jerk[k], n)
             for k in range(n)
         ]
         torques = [limits.names[row][1] for row in rows.torques]
         of_rates = [
-            ("constraint", "torque rate", k, self.family.robot.unit("taud", k), self.scales.rate[k])
+            (
+                "constraint",
+                "torque rate",
+                k,
+                self.family.robot.unit("taud", k),
+                self.scales.rate[k],
+                n,
+            )
             for k in torques
         ]
         tables = (
-            (rows.at_points[:, : len(of_limits)], of_limits, len(of_limits), None),
-            (rows.of_motion.reshape(-1, ORDERS * n), of_motion, n, None),
-            (rows.of_rates, of_rates, n, rows.lengths() * self.scales.durations[self.index]),
-            (rows.of_jerks, of_jerks, n, None),
+            (rows.at_points[:, : len(of_limits)], of_limits, None),
+            (rows.of_motion.reshape(-1, ORDERS * n), of_motion, None),
+            (rows.of_rates, of_rates, rows.lengths() * self.scales.durations[self.index]),
+            (rows.of_jerks, of_jerks, None),
         )
-        for numbers, entries, size, factors in tables:
+        for numbers, entries, factors in tables:
             numbers = numbers[self._points]
             given = None if factors is None else factors[self._points]
             for step, fraction in ((0, 0.0), (1, 0.5)):
@@ -137,9 +147,21 @@ class FlatLayout:
                     numbers[step::2],
                     entries,
                     fraction,
-                    size,
                     None if given is None else given[step::2],
                 )
+        for stop in rows.at_stops:
+            # A condition belongs to the phase that begins at its via point, or that ends there.
+            if stop.node == self.index:
+                kind, interval = "point", 0
+            elif stop.node == self.index + 1 == len(rows.limits):
+                kind, interval = "end", self.intervals
+            else:
+                continue
+            entries = tuple(
+                TableEntry(kind, None, stop.name, k, stop.numbers.size, 0.0, "", 1.0)
+                for k in range(stop.numbers.size)
+            )
+            blocks.append(Block(entries, np.array([interval]), stop.numbers[None]))
         return tuple(blocks)
 
     @cached_property
@@ -188,7 +210,6 @@ def _blocks(
     numbers: IntArray,
     entries: Sequence[tuple[Any, ...]],
     fraction: float,
-    size: int,
     factors: FloatArray | None,
 ) -> Iterator[Block]:
     """Yield blocks of the existing rows of [M,K]; rows of the same intervals form one block."""
@@ -201,7 +222,7 @@ def _blocks(
         intervals = np.flatnonzero(np.frombuffer(pattern, dtype=bool))
         table = []
         for k in columns:
-            kind, name, component, unit, scale = entries[k]
+            kind, name, component, unit, scale, size = entries[k]
             table.append(
                 TableEntry(kind, None, name, component, size, fraction, unit, float(scale))
             )

@@ -42,10 +42,22 @@ from microbot_ocp.planning.free._flat_rows import (
     window_places,
 )
 from microbot_ocp.planning.free._initial_guesses import guess_along
-from microbot_ocp.planning.free._point_limits import FRICTION_RATE, HELD, RATED, point_limits
+from microbot_ocp.planning.free._point_limits import (
+    FRICTION_RATE,
+    HELD,
+    RATED,
+    point_limits,
+)
 from microbot_ocp.planning.free._problem import JERK_WEIGHT, free_problem, phase_shapes, scale_of
 from microbot_ocp.planning.free._spline import DEGREE, SplineLayout, spline_layout
-from microbot_ocp.planning.task import Conditions, TaskScale, dry_friction, has_windows, passing
+from microbot_ocp.planning.task import (
+    Conditions,
+    TaskScale,
+    dry_friction,
+    has_windows,
+    knows_derivatives,
+    passing,
+)
 from microbot_ocp.robot import Robot
 
 DUAL = 1e-6  # tolerance of stationarity, scaled
@@ -160,14 +172,15 @@ class FlatTranscription:
         jumps = [end.acceleration_jumps for end in self.conditions.ends]
         jumps[0] = jumps[-1] = False
         layout = spline_layout(meshes, n, jumps)
-        rows = flat_rows(layout, self.families, self.limits)
+        rows = flat_rows(layout, self.families, self.limits, self.conditions)
         return FlatStructure(rows, *window_places(rows))
 
     @property
     def _starts(self) -> FloatArray:
         """Positions [m-1,n] at the start of the phases, zero for free ones."""
-        q = np.array([0.5 * (end.q[0] + end.q[1]) for end in self.conditions.ends[:-1]])
-        return np.where(np.isfinite(q), q, 0.0)
+        low, high = np.array([end.q for end in self.conditions.ends[:-1]]).swapaxes(0, 1)
+        known = np.isfinite(low) & np.isfinite(high)
+        return 0.5 * (np.where(known, low, 0.0) + np.where(known, high, 0.0))
 
     def _scales(self, structure: FlatStructure) -> Scales:
         layout = structure.rows.layout
@@ -189,6 +202,7 @@ class FlatTranscription:
             unknowns[before : before + n] = unknowns[after : after + n] = motion[2]
         unknowns[layout.durations] = size.time
         torque = self.limits[0].torque_scale  # independent of the current limits
+        torque = torque if torque.size else np.ones(n)
         rate = scale_of(limits.bounds("taud"), size.acceleration / size.time)
         jerk = scale_of(limits.bounds("qddd"), size.jerk)
         return Scales(unknowns, motion, torque, rate, jerk, size.durations)
@@ -201,14 +215,14 @@ class FlatTranscription:
         values = [{p.name: float(p.value[0]) for p in phase.parameters} for phase in phases]
         # Kernels ignore numbers that their problem does not have; zero would be divided by.
         held = np.array([[known.get(key, 1.0) for key in HELD] for known in values])
-        pairs = np.array(rows.limits[0].pairs).reshape(-1, 2)
+        pairs = sorted({pair for limit in rows.limits for pair in limit.pairs})
         form = Form(
             joints=rows.layout.count,
             rows=rows.at_points.shape[1],
             points=rows.layout.points,
             torques=rows.torques,
             friction=rows.friction,
-            pairs=pairs,
+            pairs=np.array(pairs),
             scales=scales,
             starts=self._starts,
             jerk_weight=values[0][JERK_WEIGHT] / self.size.jerk**2,
@@ -305,6 +319,9 @@ class FlatTranscription:
                 ):
                     there = numbers >= 0
                     bound[numbers[there]] = np.broadcast_to(sizes, numbers.shape)[there]
+        for stop in rows.at_stops:
+            for bound, given in zip(low, stop.bounds, strict=True):
+                bound[stop.numbers] = given
         return low[0], low[1]
 
     @cached_property
@@ -326,9 +343,8 @@ class FlatTranscription:
         """
         rough = self._is_stiff and not np.isfinite(settings.gap)
         end = ROUGH_FACTOR * LEAST_WARM_BARRIER if rough else (BARRIER_FACTOR + 1.0) * last
-        # The band solver eliminates slacks of inequalities: equal bounds of a row are an equation.
         given: dict[str, Any] = {
-            "linear_solver": "ldl" if (program.row_lower == program.row_upper).any() else "band",
+            "linear_solver": "band",
             "nlp_scaling_method": "none",  # rows and unknowns are scaled already
             "compl_inf_tol": end,
         }
@@ -478,8 +494,8 @@ def flat_form(
 ) -> FlatTranscription | None:
     """Return the flat transcription of a free motion's problem; None if it needs states.
 
-    It needs states without torque limits, with means over the motion, the user's own limits,
-    conditions on the tool's pose, cycles, ends in motion, and a segment far shorter than others.
+    It needs states with means over the motion, further limits other than distances, ends in motion,
+    and a segment far shorter than others.
     """
     deadline.check()  # the functions of seven joints take a second
     via = np.frombuffer(via_bytes).reshape(count, -1)
@@ -493,18 +509,16 @@ def flat_form(
 
 
 def _is_flat(families: Sequence[LimitFamily], conditions: Conditions, size: TaskScale) -> bool:
+    keys = set[tuple[str, ...]]()
     for family in families:
-        own = any(member.limit is not None for member in family)
-        if family.means or own or family.keys != families[0].keys:
+        own = [member for member in family if member.limit is not None]
+        if family.means or not all(knows_derivatives(member.limit) for member in own):
             return False
-        if not {"tau", "taud"} & set(family.keys):
-            return False
+        keys.add(tuple(key for key in family.keys if family[key].limit is None))
     start, *_, end = conditions.ends
-    moves = not all(np.all(bound == 0.0) for point in (start, end) for bound in point.qd)
-    posed = conditions.closed or any(point.rows for point in conditions.ends)
-    durations = size.durations
-    short = not durations.min() >= LEAST_RATIO * durations.max() > 0.0
-    return not (moves or posed or short)
+    moves = not conditions.closed and not all(np.all(b == 0.0) for p in (start, end) for b in p.qd)
+    short = not size.durations.min() >= LEAST_RATIO * size.durations.max() > 0.0
+    return len(keys) == 1 and not (moves or short)
 
 
 def _within(

@@ -16,6 +16,8 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.planning.free._point_limits import FRICTION_RATE, ORDERS, RATED, PointLimits
 from microbot_ocp.planning.free._spline import IntArray, SplineLayout, Windows
+from microbot_ocp.planning.free._stop_rows import StopRow, stop_rows
+from microbot_ocp.planning.task import Conditions
 
 POINT_KEYS = ("q", "qd", "qdd")
 NOWHERE = -1  # index of a row that the program does not have
@@ -69,6 +71,8 @@ class FlatRows:
         Rows of the jerk in the interval that begins at a point.
     torques : array of int [J]
         Columns of ``at_points`` with the torques whose rates are limited.
+    at_stops : tuple of StopRow
+        Conditions on the pose and the velocity at via points.
     """
 
     layout: SplineLayout
@@ -78,11 +82,13 @@ class FlatRows:
     of_rates: IntArray
     of_jerks: IntArray
     torques: IntArray
+    at_stops: tuple[StopRow, ...] = ()
 
     @cached_property
     def height(self) -> int:
         """Number of rows."""
-        return 1 + max(int(n.max(initial=NOWHERE)) for n in self.tables)
+        along = 1 + max(int(n.max(initial=NOWHERE)) for n in self.tables)
+        return along + sum(stop.numbers.size for stop in self.at_stops)
 
     @property
     def friction(self) -> IntArray:
@@ -113,7 +119,10 @@ class FlatRows:
 
 
 def flat_rows(
-    layout: SplineLayout, families: Sequence[LimitFamily], limits: Sequence[PointLimits]
+    layout: SplineLayout,
+    families: Sequence[LimitFamily],
+    limits: Sequence[PointLimits],
+    conditions: Conditions,
 ) -> FlatRows:
     """Return the rows of phases with these limits.
 
@@ -138,6 +147,7 @@ def flat_rows(
         # The parts of a rate have no bounds of their own.
         bounded = [key not in (RATED, FRICTION_RATE) for key, *_ in limit.names]
         at_points[first + (not again) : last + 1, : limit.count] = bounded
+        at_points[first + 1 : last : 2, : limit.count] &= limit.inner
         for order, key in enumerate(POINT_KEYS):
             step = 1 if key == "qd" else 2
             inner = slice(first + step, last, step)
@@ -161,7 +171,8 @@ def flat_rows(
         at += int(mask.sum())
         numbers.append(number)
     at_rows, motions, rates, jerks = numbers
-    return FlatRows(layout, tuple(limits), at_rows, motions, rates, jerks, rated)
+    at_stops = stop_rows(layout, conditions, at)
+    return FlatRows(layout, tuple(limits), at_rows, motions, rates, jerks, rated, at_stops)
 
 
 def _limited(families: Sequence[LimitFamily], key: str, count: int) -> IntArray:
@@ -243,12 +254,22 @@ class WindowPlaces:
     time_time: IntArray
 
 
-def window_places(rows: FlatRows) -> tuple[ca.Sparsity, ca.Sparsity, list[WindowPlaces]]:
-    """Return the sparsities of the Jacobian and the Hessian's upper triangle, with all places."""
+Places = list[tuple[IntArray, IntArray]]
+
+
+def window_places(rows: FlatRows) -> tuple[ca.Sparsity, ca.Sparsity, list[WindowPlaces], Places]:
+    """Return the sparsities of the Jacobian and the Hessian's upper triangle, with all places.
+
+    The last are places of the conditions at via points: [r,2n] and [2n,2n] of each.
+    """
     layout = rows.layout
     jacobian = SparseEntries((rows.height, layout.size))
     hessian = SparseEntries((layout.size, layout.size))
     inside = [_add_window(rows, windows, jacobian, hessian) for windows in layout.every]
+    for stop in rows.at_stops:
+        one, two = stop.columns[:, None], stop.columns[None, :]
+        jacobian.add(stop.numbers[:, None], two, np.array(True))
+        hessian.add(one, two, one <= two)
     of_rows, first = jacobian.placed()
     of_all, second = hessian.placed()
     rest, others, places = iter(first), iter(second), []
@@ -259,7 +280,8 @@ def window_places(rows: FlatRows) -> tuple[ca.Sparsity, ca.Sparsity, list[Window
         places.append(
             WindowPlaces(*limits, *of_rates, *of_jerks, *(next(others) for _ in range(3)))
         )
-    return of_rows, of_all, places
+    at_stops = [(next(rest), next(others)) for _ in rows.at_stops]
+    return of_rows, of_all, places, at_stops
 
 
 def _add_window(

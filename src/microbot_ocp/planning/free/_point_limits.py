@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, reduce
 from operator import add
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -25,6 +25,7 @@ from microbot_ocp.planning.task import (
     dry_friction,
     finite_scale,
     friction_rate,
+    knows_derivatives,
     torque_at_drives,
     torques_of,
     without_dry_friction,
@@ -60,6 +61,12 @@ class PointLimits:
         order of ``pairs``; the weights are a further argument.
     pairs : tuple of (int, int), B
         Orders of the derivatives of each block of the curvature.
+    inner : array of bool [R]
+        Mask of the rows in the middles of intervals. Limits of positions alone change little
+        between mesh points.
+    distances : tuple of (Limit, slice)
+        Limits of positions with derivatives of their own, and their rows; the functions above
+        do not have these.
     """
 
     names: tuple[tuple[str, int, str], ...]
@@ -69,6 +76,9 @@ class PointLimits:
     slopes: Callable[[int], RowsInPlace]
     curvature: Callable[[int], RowsInPlace]
     pairs: tuple[tuple[int, int], ...]
+    inner: np.ndarray
+    robot: Robot
+    distances: tuple[tuple[Any, slice], ...] = ()
 
     @property
     def count(self) -> int:
@@ -94,8 +104,43 @@ class PointLimits:
         return low / self.scale, high / self.scale
 
 
-@lru_cache(maxsize=32)
 def point_limits(robot: Robot, keys: tuple[str, ...], payload: bool = False) -> PointLimits:
+    """Return the functions of a robot's limits with given keys, as :func:`_in_tables`.
+
+    Distances from obstacles change with every scene, so other limits are cached without them.
+    """
+    family = LimitFamily.of(robot)
+    further = {key: family[key].limit for key in keys if key in family}
+    own = {key: limit for key, limit in further.items() if knows_derivatives(limit)}
+    if not own:
+        return _in_tables(robot, keys, payload)
+    others = tuple(limit for limit in robot.limits.also if limit not in own.values())
+    limits = _in_tables(
+        robot.with_limits(also=others), tuple(k for k in keys if k not in own), payload
+    )
+    names, labels, scale = [*limits.names], [*limits.labels], [limits.scale]
+    distances = []
+    for key, limit in own.items():
+        member = family[key]
+        size = member.lower.size
+        distances.append((limit, slice(len(names), len(names) + size)))
+        names += [(key, k, "") for k in range(size)]
+        labels += [member.name] * size
+        scale.append(finite_scale(member.lower, member.upper) * np.ones(size))
+    inner = np.append(limits.inner, np.zeros(len(names) - limits.count, dtype=bool))
+    return replace(
+        limits,
+        names=tuple(names),
+        labels=tuple(labels),
+        scale=np.concatenate(scale),
+        inner=inner,
+        robot=robot,
+        distances=tuple(distances),
+    )
+
+
+@lru_cache(maxsize=32)
+def _in_tables(robot: Robot, keys: tuple[str, ...], payload: bool) -> PointLimits:
     """Return the functions of a robot's limits with given keys.
 
     Parameters
@@ -110,8 +155,9 @@ def point_limits(robot: Robot, keys: tuple[str, ...], payload: bool = False) -> 
     n = robot.joint_count
     state, held = [ca.SX.sym(name, n) for name in STATE], [ca.SX.sym(name) for name in HELD]
     parts = [part for key in keys for part in _parts(robot, key, state, held, payload)]
-    weight = ca.vertcat(*(part.weight for part in parts))
-    value, jacobian = (ca.vertcat(*(getattr(p, k) for p in parts)) for k in ("value", "jacobian"))
+    weight = ca.vertcat(ca.SX(0, 1), *(part.weight for part in parts))
+    value = ca.vertcat(ca.SX(0, 1), *(part.value for part in parts))
+    jacobian = ca.vertcat(ca.SX(0, ORDERS * n), *(part.jacobian for part in parts))
     gradient = reduce(add, (part.gradient for part in parts), ca.SX(ORDERS * n, 1))
     hessian = reduce(add, (part.hessian for part in parts), ca.SX(ORDERS * n, ORDERS * n))
     blocks = {
@@ -139,7 +185,20 @@ def point_limits(robot: Robot, keys: tuple[str, ...], payload: bool = False) -> 
     )
     scale = np.concatenate([np.zeros(0), *(part.scale for part in parts)])
     values, slopes_of, curvature_of = functions
-    return PointLimits(names, labels, scale, values, slopes_of, curvature_of, tuple(blocks))
+    family = LimitFamily.of(robot)
+    # Torques whose rates are limited need no limit of their own.
+    inner = [key not in family or family[key].order > 0 for key, *_ in names]
+    return PointLimits(
+        names,
+        labels,
+        scale,
+        values,
+        slopes_of,
+        curvature_of,
+        tuple(blocks),
+        np.array(inner, bool),
+        robot,
+    )
 
 
 class _LimitRows(NamedTuple):

@@ -79,6 +79,7 @@ from ._stops import (
     Conditions as Conditions,
     EndConditions as EndConditions,
     Payload as Payload,
+    Row as Row,
     Stop as Stop,
     passing as passing,
 )
