@@ -32,6 +32,7 @@ from ._obstacles import (
     HalfSpace as HalfSpace,
     Sphere as Sphere,
 )
+from ._pairs import ACCURACY as ACCURACY
 from ._scene import (
     Pair as Pair,
     Scene as Scene,

@@ -301,7 +301,7 @@ class DistancesInPoses:
         whole = dict.fromkeys((frame, capsule) for frame, capsule in robot.capsules if frame)
         axes = list(whole if axes.keys() <= whole.keys() else axes)
         column = {axis: number for number, axis in enumerate(axes)}
-        # Without further limits: those change with every scene.
+        # Further limits would change the key of these functions with every scene.
         makers = _axes_in_rows(link_poses(robot.with_limits(also=())), tuple(axes))
         self._place, self._bend = (make(count) for make in makers)
         ends, moved = self._place.outputs

@@ -220,11 +220,19 @@ class _OrderAmongObstacles:
         return GuidedSearch(self._request, task, self._scene, way, start, poses)
 
     def _coarse(self, guide: GuidedWay) -> CoarseResult | None:
-        """Return the coarse answers along a way; None if the time limit has passed."""
-        if guide.name not in self._coarse_results:
-            with suppress(deadline.Over):
-                self._coarse_results[guide.name] = self._search(guide).coarse_result()
-        return self._coarse_results.get(guide.name)
+        """Return the first coarse answer along a way, or the next one if it needs a further one.
+
+        None if the time limit has passed.
+        """
+        known = self._coarse_results.get(guide.name)
+        if known is not None and known.further is None:
+            return known
+        with suppress(deadline.Over):
+            search = self._search(guide)
+            step = search.coarse_step() if known is None else search.next_step(known)
+            self._coarse_results[guide.name] = step
+            return step
+        return None
 
     def coarse_duration(self, duration_to_beat: float) -> float:
         """Return the least coarse duration of all ways on their fastest paths, s, with dwells."""
@@ -235,6 +243,8 @@ class _OrderAmongObstacles:
                 continue
             for guide in self._legs.guides_of(self.task, way)[:1]:
                 result = self._coarse(guide)
+                while result is not None and result.further is not None:
+                    result = self._coarse(guide)
                 least = min(least, np.inf if result is None else result.duration)
         return least + dwell_time
 
@@ -251,6 +261,8 @@ class _OrderAmongObstacles:
         # A solved and clear motion that is faster than any timed path needs no fallback.
         guides = self._legs.guides(self.task)
         rested = min((guide.rest_duration for guide in guides), default=np.inf)
+        # Timings of paths leave out rates, so under those they are not faster in truth.
+        rested = np.inf if self.task.family.jerk_matters else rested
         best = found is not None and found.keeps_limits and found.duration <= rested
         fallback = None if best else self._fallback
         front, proofs = (([], ""), []) if found is None else (found.front, found.proofs)
@@ -279,7 +291,7 @@ class _OrderAmongObstacles:
     def _found(self, front_of: FrontFunction | None) -> _Guided | None:
         """Return the way with the best of the requested motions, or None."""
 
-        def raised(candidate: _Guided, _: float) -> list[_Guided]:
+        def raised(candidate: _Guided, most: float) -> list[_Guided]:
             way, guide = candidate.way, candidate.guide
             if guide is None:
                 guides = self._legs.guides_of(self.task, way, candidate.searches)
@@ -290,17 +302,19 @@ class _OrderAmongObstacles:
                 # Further paths are searched for only if no way leads to a motion.
                 further = {"searches": candidate.searches + 1, "paths": len(guides)}
                 return [*along, replace(candidate, solved=False, **further)]
-            result = self._coarse(guide)
-            if result is None:
-                return []
-            if candidate.level is Level.TIMED:
-                # Poses of a redundant arm slide: several ways may lead to one optimum, which is
-                # refined again only if nothing else leads to a motion.
-                others = (other for other in self._coarse_results.values() if other is not result)
+            known = self._coarse_results.get(guide.name)
+            if known is None or known.further is not None:
+                result = self._coarse(guide)
+                if result is None:
+                    return []
                 coarse = {"level": Level.COARSE, "duration": result.duration}
-                coarse |= {"solved": not any(map(result.is_optimum_of, others))}
+                # Poses of a redundant arm slide: several ways may lead to one optimum, which is
+                # raised again only if nothing else leads to a motion.
+                others = self._coarse_results.values()
+                settled = (o for o in others if o.further is None and o is not result)
+                coarse |= {"solved": not any(map(result.is_optimum_of, settled))}
                 return [replace(candidate, **coarse)]
-            front, proofs = self._search(guide).motions(front_of, result)
+            front, proofs = self._search(guide).motions(known, front_of, most)
             if not front[0]:
                 return []
             motion, proof = front[0][0][1], proofs[0]
@@ -422,10 +436,10 @@ class LegPlanner:
         self._guides: dict[tuple[Task, Way], list[GuidedWay]] = {}
 
     def search(self, tasks: Sequence[Task]) -> None:
-        """Search for paths between the stops of several tasks until one has a complete way.
+        """Search for paths between the stops of several tasks until a motion is proved clear.
 
-        The first complete way is proved at once, so that a certified motion is known early. If a
-        motion is known, the search ends after the usual number of searches.
+        The most promising way comes first. Without a proof the search ends after the first round in
+        which some way is complete.
         """
         for task in tasks:
             carried = [capsule.name for held in task.robots for _, capsule in held.capsules]
@@ -443,12 +457,14 @@ class LegPlanner:
         for number in itertools.count():
             complete = False
             for task, way, legs in ways:
-                self._search_legs([leg for leg in legs if leg and not leg.first_motion], [number])
-                if all(not leg or leg.first_motion for leg in legs):
+                self._search_legs([leg for leg in legs if leg and not leg.ways], [number])
+                if all(not leg or leg.ways for leg in legs):
                     complete = True
                     self._prove_first(task, way, legs)
+                    if self.known:
+                        return
             # The next seed may find a path, so without a complete way the searches go on.
-            if complete or (self.known and number + 1 >= FIRST_SEARCHES) or deadline.over():
+            if complete or deadline.over():
                 return
 
     def _search_legs(self, legs: Iterable[Leg], numbers: Sequence[int]) -> None:
@@ -460,9 +476,7 @@ class LegPlanner:
         self.planning += time.perf_counter() - begin
 
     def _prove_first(self, task: Task, way: Way, legs: Sequence[Leg | None]) -> None:
-        """Prove the first timed paths of a way, unless a motion is known."""
-        if self.known:
-            return
+        """Prove the first timed paths of a way."""
         found = self._proved(task, way, [leg and leg.first_motion for leg in legs])
         if found is not None:
             self._progress(f"{found.motion.duration:.4f} s, the first motion that is known")

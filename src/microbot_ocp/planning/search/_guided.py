@@ -22,12 +22,12 @@ from microbot_ocp.limits import LIMIT_TOLERANCE, Limit, LimitFamily
 from microbot_ocp.motion import Motion, PiecewisePolynomial, polynomial_of
 from microbot_ocp.ocp import Solution
 from microbot_ocp.planning.free import InitialGuess, excess_along, phase_shapes
-from microbot_ocp.planning.search._branches import SAME_BRANCH, Way
+from microbot_ocp.planning.search._branches import Way
 from microbot_ocp.planning.search._queue import Level
 from microbot_ocp.planning.search._refinement import best_of, resumed, search_of
-from microbot_ocp.planning.search._result import fastest, is_late, motion_from, poses_at
+from microbot_ocp.planning.search._result import fastest, is_late, motion_from
 from microbot_ocp.planning.search._search import MotionAnswer, MotionSearch, SearchState
-from microbot_ocp.planning.search._settings import SAME_OPTIMUM
+from microbot_ocp.planning.search._settings import LEAST_GAIN, SAME_OPTIMUM
 from microbot_ocp.planning.search._starts import explore, explore_mesh, full_mesh
 from microbot_ocp.planning.search._stop_motion import (
     motion_of,
@@ -41,6 +41,7 @@ from microbot_ocp.planning.search._through_stops import Front, SolveRequest, pro
 from microbot_ocp.planning.task import Task, largest, reach_of
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import (
+    ACCURACY,
     Clearance,
     Pair,
     Scene,
@@ -123,9 +124,10 @@ class PairDistances:
         passes through a body is too near to almost all of its parts.
         """
         come, _, apart = room_along(self.robot, self.scene, self.pairs, poses, self.tolerance)
-        touching = apart <= self.scene.clearance
-        # The new distance is the one seen at the contact, as far as via points allow it.
-        more = np.minimum(self.most, np.maximum(self.room, come))
+        touching = apart <= self.scene.clearance + ACCURACY  # the least that can be proved
+        # The new distance is the one seen at the contact, or exceeds the old one by as much as the
+        # motion misses it, as far as via points allow.
+        more = np.minimum(self.most, np.maximum(come, 2.0 * self.room - come))
         room = np.where(touching, more, self.room)
         within = self.scene.clearance + near * reach_of(self.robot)
         is_near = self.near | (apart <= within) if touching.any() else self.near
@@ -213,12 +215,23 @@ def _of_place(rows: Sequence[FloatArray], places: Sequence[int], place: int) -> 
 
 @dataclass(frozen=True, eq=False)
 class CoarseResult:
-    """Coarse answers of a problem that contains all pairs too near on the best of them."""
+    """Coarse answers of a problem.
+
+    Attributes
+    ----------
+    search : MotionSearch
+    state : SearchState
+    required : tuple of RequiredDistances and int
+        Requirements of the problem, and the factor on its number of intervals.
+    further : tuple of RequiredDistances and int, optional
+        Requirements of the next problem. None if no pair outside of the problem is too near on the
+        best answer.
+    """
 
     search: MotionSearch
     state: SearchState
-    around: RequiredDistances
-    finer: int
+    required: tuple[RequiredDistances, int]
+    further: tuple[RequiredDistances, int] | None = None
 
     @property
     def duration(self) -> float:
@@ -227,13 +240,10 @@ class CoarseResult:
         return answer.solution.duration if answer.solved else np.inf
 
     def is_optimum_of(self, other: CoarseResult) -> bool:
-        """Return True if another result is the same optimum: as fast, through the same poses."""
-        if not abs(self.duration - other.duration) <= SAME_OPTIMUM * other.duration:
+        """Return True if another result is the same optimum: as fast, on the same mesh."""
+        if explore_mesh(self.search) != explore_mesh(other.search):
             return False
-        ours, theirs = (
-            poses_at(best_of(result.search, result.state).solution) for result in (self, other)
-        )
-        return bool(np.abs(ours - theirs).max() <= SAME_BRANCH)
+        return abs(self.duration - other.duration) <= LEAST_GAIN * other.duration
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,13 +284,12 @@ class GuidedSearch:
             distances.append(PairDistances.along(robot, held, tolerance, way, via))
         return RequiredDistances(scenes, tuple(distances), places)
 
-    def coarse_result(
-        self, around: RequiredDistances | None = None, finer: int = 1
-    ) -> CoarseResult:
-        """Return the coarse answer of a problem that contains all pairs too near on it.
+    def coarse_step(self, around: RequiredDistances | None = None, finer: int = 1) -> CoarseResult:
+        """Return the coarse answer of a problem, and what the next problem requires.
 
-        If a pair of the problem comes too near between mesh points, the number of intervals is
-        doubled: constraints at points alone let links pass through thin bars.
+        A pair outside of the problem that comes too near is added on the same mesh. If one of the
+        problem comes too near between mesh points, the number of intervals is doubled: constraints
+        at points alone let links pass through thin bars.
 
         Raises
         ------
@@ -288,34 +297,43 @@ class GuidedSearch:
             The time limit was reached before a search began.
         """
         around = around or self.around(tool_poses(self.task.robot, self.way.via))
-        while True:
-            search = self._search(around, finer)
-            result = CoarseResult(search, explore(search), around, finer)
-            answer = best_of(search, result.state)
-            if not answer.solved:
-                return result
-            poses = [poses_along(shape) for shape in phase_shapes(answer.solution)]
-            around, touch, left_out = around.after(poses)
-            # A pair outside of the problem is added on the same mesh; one inside needs a finer
-            # mesh.
-            if not left_out:
-                if not touch or explore_mesh(search) == full_mesh(search):
-                    return result
-                finer *= 2
-            self.request.progress(LARGER_DISTANCES)
+        search = self._search(around, finer)
+        result = CoarseResult(search, explore(search), (around, finer))
+        answer = best_of(search, result.state)
+        if not answer.solved:
+            return result
+        poses = [poses_along(shape) for shape in phase_shapes(answer.solution)]
+        more, touch, left_out = around.after(poses)
+        if not left_out and (not touch or explore_mesh(search) == full_mesh(search)):
+            return result
+        self.request.progress(LARGER_DISTANCES)
+        return replace(result, further=(more, finer if left_out else 2 * finer))
+
+    def next_step(self, result: CoarseResult) -> CoarseResult:
+        """Return the coarse answer of the next problem; the present one if that is not solved."""
+        assert result.further is not None
+        step = self.coarse_step(*result.further)
+        return step if np.isfinite(step.duration) else replace(result, further=None)
+
+    def settled(self, result: CoarseResult) -> CoarseResult:
+        """Return the coarse answer that needs no further one."""
+        while result.further is not None:
+            result = self.next_step(result)
+        return result
 
     def motions(
-        self, front_of: FrontFunction | None = None, coarse_result: CoarseResult | None = None
+        self, now: CoarseResult, front_of: FrontFunction | None = None, most: float = np.inf
     ) -> tuple[Front, list[Clearance | None]]:
         """Return the requested motions with proofs, by default the fastest or of least effort.
 
         A proof exists only for a motion that is solved or within the limits. The lists are empty if
-        the time limit was reached before the search began.
+        the time limit was reached before the search began. The search ends at a motion that is not
+        faster than ``most``, s: a clear one would be slower.
         """
         front: Front = [], ""
         proofs = list[Clearance | None]()
         with suppress(deadline.Over):
-            now = coarse_result or self.coarse_result()
+            now = self.settled(now)
             known: tuple[Motion, Clearance] | None = None  # fastest motion that is proved clear
             for _ in range(MOST_REPEATS + 1):
                 answer: MotionAnswer | None = None
@@ -327,6 +345,8 @@ class GuidedSearch:
                     front, proofs = ([(0.0, motion)], ""), [proof]
                     if known and known[0].duration <= (1.0 + SAME_OPTIMUM) * motion.duration:
                         break
+                    if motion.duration >= most:
+                        break
                 else:
                     front = front_of(now.search, now.state)
                     proofs = [self._proof(motion) for _, motion in front[0]]
@@ -334,13 +354,14 @@ class GuidedSearch:
                 pairs = [(m, proof) for (_, m), proof in rows if proof and not proof.proved]
                 if not pairs:
                     break
-                more, left_out = self._required_after(now.around, pairs)
+                around, finer = now.required
+                more, left_out = self._required_after(around, pairs)
                 # The solve would repeat itself without a new requirement.
-                if not more.exceeds(now.around):
+                if not more.exceeds(around):
                     break
                 self.request.progress(LARGER_DISTANCES)
                 # A missing pair let the motion pass through a body: its neighbourhood is useless.
-                now = self._again(more, now.finer, None if left_out else answer)
+                now = self._again(more, finer, None if left_out else answer)
             if known:
                 front, proofs = ([(0.0, known[0])], ""), [known[1]]
         return front, proofs
@@ -373,8 +394,8 @@ class GuidedSearch:
             search = self._search(around, finer)
             again = resumed(search, refused)
             if again.solved:
-                return CoarseResult(search, SearchState((again,)), around, finer)
-        return self.coarse_result(around, finer)
+                return CoarseResult(search, SearchState((again,)), (around, finer))
+        return self.settled(self.coarse_step(around, finer))
 
     def _search(self, around: RequiredDistances, finer: int) -> MotionSearch:
         with deadline.given_up():

@@ -123,9 +123,6 @@ class Leg:
         Ways; the first is feasible within the limits.
     failed : list of Detour
         Searches without a feasible way.
-    first_motion : Motion or None
-        First way with a timing within all limits, available at once: the best timing, or one that
-        rests at every corner if the best takes long to compute.
     refused : bool
         True if a way was infeasible within the limits.
     searches : int
@@ -138,14 +135,21 @@ class Leg:
     settings: TimeOptimalSettings
     ways: list[WayAround] = field(default_factory=list)
     failed: list[Detour] = field(default_factory=list)
-    first_motion: Motion | None = None
     refused: bool = False
     searches: int = 0
 
     @property
     def is_blocked(self) -> bool:
         """True if no search found a way that is feasible within the limits."""
-        return self.searches > 0 and self.first_motion is None
+        return self.searches > 0 and not self.ways
+
+    @cached_property
+    def first_motion(self) -> Motion | None:
+        """First way with a timing within all limits, available soon: the best timing, or one that
+        rests at every corner if the best takes long to compute. None if limits forbid both.
+        """
+        way = self.ways[0]
+        return way.kept or _resting_at_corners(way.family, way.detour)
 
     def search(self, number: int, progress: StepProgress) -> None:
         """Make the search with this number, unless it was made before or is needless."""
@@ -161,11 +165,7 @@ class Leg:
             return
         family = LimitFamily.of(self.around.robot)
         way = WayAround(family, self.settings, candidate)
-        # The first way gives a certified motion as soon as possible; its best timing may take
-        # longer than the search for others.
-        if self.first_motion is None:
-            self.first_motion = way.kept or _resting_at_corners(family, candidate)
-        if self.first_motion is None:
+        if way.reached is None and _resting_at_corners(family, candidate) is None:
             self.refused = True
             self.failed.append(candidate)
         else:
@@ -214,7 +214,7 @@ def _keeps_limits(family: LimitFamily, motion: Motion) -> bool:
 
 def choices_of(legs: Sequence[Leg]) -> range:
     """Return the numbers of the ways along all legs; empty if a leg has no way."""
-    there = all(leg.first_motion for leg in legs)
+    there = all(leg.ways for leg in legs)
     # Choice k takes the k-th path of every leg: all combinations of n legs with k paths would be
     # k^n.
     return range(max((len(leg.ways) for leg in legs), default=1) if there else 0)
@@ -317,9 +317,9 @@ def as_plain(clearance: Clearance) -> dict[str, Any]:
 
 def nothing_found(legs: Sequence[Leg | None], names: Sequence[str]) -> str:
     """Return the reason why no free leg between poses of these names has a timed path."""
-    missing = next((k for k, leg in enumerate(legs) if leg and leg.first_motion is None), 0)
+    missing = next((k for k, leg in enumerate(legs) if leg and not leg.ways), 0)
     leg = legs[missing]
-    if leg is None or leg.first_motion is not None or leg.refused:
+    if leg is None or leg.ways or leg.refused:
         return "no path around the obstacles that was found can be travelled within the limits"
     failed, start, end = leg.failed, names[missing], names[missing + 1]
     poses = sum(search.checks for search in failed)
