@@ -9,8 +9,9 @@ no callbacks, except to keep the last iterate of a solver that may have to be ki
 from __future__ import annotations
 
 import mmap
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -32,13 +33,11 @@ class Iteration:
     solver : name of the solver
     number : number of iterations so far
     cost : cost of the iterate
-    infeasibility : largest violation of a bound or constraint, scaled
     """
 
     solver: str
     number: int
     cost: float
-    infeasibility: float
     program: Program = field(repr=False)
     x: FloatArray = field(repr=False)
 
@@ -48,6 +47,11 @@ class Iteration:
             f"{self.solver} {self.number}: cost {self.cost:.6g}, "
             f"infeasibility {self.infeasibility:.1e}"
         )
+
+    @cached_property
+    def infeasibility(self) -> float:
+        """Largest violation of a bound or constraint, scaled."""
+        return float(self.program.violations(self.x, self.program.row_values(self.x)).max())
 
     @property
     def phases(self) -> tuple[PhaseSolution, ...]:
@@ -104,10 +108,9 @@ class Watch:
         self.x, self.count = x, self.count + 1
         if cost is None:
             cost = float(self.program.functions["gradient"](x, self.program.parameters)[0])
-        worst = float(self.program.violations(x, self.program.row_values(x)).max())
         try:
             with aloud():
-                self.progress(Iteration(self.solver, self.count, cost, worst, self.program, x))
+                self.progress(Iteration(self.solver, self.count, cost, self.program, x))
         except BaseException as problem:  # raised by the caller: solvers would suppress it
             self.stopped = True
             if not _interrupts(problem):
@@ -117,8 +120,9 @@ class Watch:
     def record(self, x: Any, cost: Any = None) -> bool:
         """Record an iterate and scaled cost from a solver, keeping interrupts inside."""
         try:
-            whole = None if cost is None else float(cost) * self.program.cost_scale
-            return self.report(np.array(x).ravel(), whole)
+            given = np.frombuffer(x).copy() if isinstance(x, memoryview) else np.array(x).ravel()
+            whole = None if cost is None else float(np.frombuffer(cost)[0])
+            return self.report(given, None if whole is None else whole * self.program.cost_scale)
         except BaseException as problem:
             if not _interrupts(problem):
                 raise
@@ -158,8 +162,15 @@ class _IterationCall(PythonFunction):
         inputs = [ca.Sparsity.dense(outputs[name]) for name in ca.nlpsol_out()]
         super().__init__("iteration", inputs, ca.Sparsity.dense(1))
 
-    def eval(self, arguments: Any) -> list[float]:
-        return [0.0 if self.watch.record(*arguments[:2]) else 1.0]
+    def has_eval_buffer(self) -> bool:
+        """Return True: the multipliers are not converted to matrices at every iteration."""
+        return True
+
+    def eval_buffer(self, arg: Sequence[Any], res: Sequence[Any]) -> int:
+        stops = not self.watch.record(*arg[:2])
+        if res[0] is not None:
+            np.frombuffer(res[0])[:] = float(stops)
+        return 0
 
 
 class _GradientCall(PythonFunction):
