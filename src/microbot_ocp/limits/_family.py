@@ -7,7 +7,7 @@ optimal-control problem.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
@@ -18,7 +18,6 @@ import numpy as np
 
 from microbot_ocp._base.calls import from_origins, refuse_without_derivatives
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.fast_calls import deferred_call
 from microbot_ocp._base.interpolants import Read, reads
 from microbot_ocp._base.relations import is_relation, reason_of
@@ -257,9 +256,11 @@ class LimitFamily:
             jerk = samples.qddd if "taud" in torques else None
             given = self.robot.torques_along(*samples[:3], jerk) | given
         entries = {key: [given.get(key), self[key].lower, self[key].upper] for key in wanted}
-        for key in wanted:  # an expression with derivatives of its own is compiled in parts
-            if key not in given and (parts := _parts_of(self[key].limit)):
-                entries[key][0] = np.array(parts(self.robot, compiles())[-1](samples.q.T)).T
+        for key in wanted:
+            limit = self[key].limit
+            if key not in given and limit is not None and limit.knows_derivatives:
+                at_once = limit.expression.in_poses(self.robot, len(samples.q))
+                entries[key][0] = at_once.values(samples.q)
         if computed := tuple(key for key in wanted if entries[key][0] is None):
             function, names, used = _function(self.robot, computed)
             arrays = deferred_call(function)(*(samples[k] for k in used))
@@ -285,6 +286,8 @@ class LimitFamily:
         """
         found: list[tuple[float, Read, int]] = []
         for limit in self.robot.limits.also:
+            if limit.knows_derivatives:  # it reads no tables
+                continue
             function, _, used = _function(self.robot, (limit.key,))
             if function.is_a("MXFunction"):  # functions of scalar operations read no tables
                 given = function.mx_in()
@@ -325,25 +328,18 @@ class LimitFamily:
         return {key: (entry[0], entry[1], entry[2]) for key, entry in entries.items()}
 
     def derivatives(self, function: ca.Function, compiled: bool) -> tuple[ca.Function, ...] | None:
-        """Return first and second derivatives of a further limit's function, if it has them."""
+        """Return derivatives of a further limit's function, if it has them, and the function."""
         for limit in self.robot.limits.also:
-            parts = _parts_of(limit)
-            if parts and _function(self.robot, (limit.key,))[0].__hash__() == function.__hash__():
-                return parts(self.robot, compiled)
+            if not limit.knows_derivatives:
+                continue
+            if _function(self.robot, (limit.key,))[0].__hash__() == function.__hash__():
+                return *limit.expression.derivatives(self.robot, compiled), function
         return None
 
 
 @lru_cache(maxsize=64)
 def _family(robot: Any) -> LimitFamily:
     return LimitFamily(robot)
-
-
-def _parts_of(limit: Limit | None) -> Callable[[Any, bool], tuple[ca.Function, ...]] | None:
-    """Return a limit's own derivatives: (robot, compiled) -> functions for a transcription.
-
-    None unless the expression has a method ``derivatives``; the last function is the value.
-    """
-    return getattr(limit.expression, "derivatives", None) if limit else None
 
 
 def _as_tuple(answer: Any) -> tuple[Any, ...]:
@@ -365,8 +361,16 @@ def _joint_member(robot: Any, key: str) -> Member:
 
 
 def _further_member(robot: Any, limit: Limit) -> Member:
-    function, names, used = _function(robot, (limit.key,))
-    size = function.size1_out(0)
+    if limit.knows_derivatives:  # a limit of positions; its expression is long
+        size, depends = len(limit.labels), [0]
+    else:
+        function, names, used = _function(robot, (limit.key,))
+        size = function.size1_out(0)
+        depends = [
+            k
+            for place, k in enumerate(used)
+            if any(function.sparsity_jac(place, i).nnz() for i in range(len(names)))
+        ]
     labels = limit.labels or (robot.joint_names if size == robot.joint_count > 1 else ("",) * size)
     if len(labels) != size:
         raise InputError(
@@ -385,11 +389,6 @@ def _further_member(robot: Any, limit: Limit) -> Member:
                 f"expression has, not {constant.size}"
             )
         bounds.append(np.broadcast_to(constant, (size,)).copy())
-    depends = [
-        k
-        for place, k in enumerate(used)
-        if any(function.sparsity_jac(place, i).nnz() for i in range(len(names)))
-    ]
     return Member(
         key=limit.key,
         name=limit.name,

@@ -128,6 +128,11 @@ class Limit:
         """True for the norm of a vector, which is not differentiable at zero."""
         return isinstance(self.expression, _Size)
 
+    @property
+    def knows_derivatives(self) -> bool:
+        """True if the expression has derivatives of its own; it depends on positions alone."""
+        return hasattr(self.expression, "in_poses")
+
     def constant(self, side: str) -> FloatArray | None:
         """Return the bound [k] or [1] of a side; None if it is missing or an expression."""
         bound = getattr(self, checks.one_of("side", side, ("lower", "upper")))

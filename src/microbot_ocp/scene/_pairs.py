@@ -83,8 +83,8 @@ class Distances:
     def derivatives(self, robot: Robot, compiled: bool) -> tuple[ca.Function, ...]:
         """Return functions of the distances with their derivatives.
 
-        They are ``(q) -> values, Jacobian``; ``(q, weights) -> gradient, Hessian`` of the weighted
-        sum; and ``(q) -> values``.
+        They are ``(q) -> values, Jacobian``; and ``(q, weights) -> gradient, Hessian`` of the
+        weighted sum.
         """
         return _derivatives(robot, self.pairs, compiled)
 
@@ -153,11 +153,11 @@ def _derivatives(robot: Robot, pairs: tuple[Pair, ...], compiled: bool) -> tuple
     whole = dict.fromkeys((frame, capsule) for frame, capsule in robot.capsules if frame)
     axes = whole if axes.keys() <= whole.keys() else axes
     column = {axis: number for number, axis in enumerate(axes)}
-    place, bend, ends_of = _of_axes(robot, tuple(axes), compiled)
+    place, bend = _of_axes(robot, tuple(axes), compiled)
     q, weights = ca.MX.sym("q", n), ca.MX.sym("weights", len(pairs))
     ends, slopes = place(q)  # [6,A], [6,A n]
     order: list[int] = []
-    first, alone = [], []
+    first = []
     # Chain rule over the kinds of pairs: J = d'(e) e'(q), H = e'^T d'' e' + sum_e d'(e) e''(q).
     # The last sum is linear in d'(e), so the pulls are summed over all pairs before one ``bend``.
     pulls, total, gradient = ca.MX(6, len(axes)), ca.MX(n * n, 1), ca.MX(n, 1)
@@ -169,11 +169,9 @@ def _derivatives(robot: Robot, pairs: tuple[Pair, ...], compiled: bool) -> tuple
                  for side in zip(*which, strict=True)]  # fmt: skip
         given = [ca.vertcat(*side) for side in zip(*parts, strict=True)]
         numbers = ca.DM(np.array([_numbers(pairs[k]) for k in chosen]).T)
-        slope, curve, value = (f.map(len(chosen)) for f in _kernels(*key, n, compiled))
+        slope, curve = (f.map(len(chosen)) for f in _kernels(*key, n, compiled))
         first.append(slope(*given, numbers))
         pull, down, hessian = curve(*given, numbers, weights[chosen].T)
-        bare = ca.vertcat(*(ends_of(q)[:, list(side)] for side in zip(*which, strict=True)))
-        alone.append(value(bare, numbers))
         for row, side in enumerate(zip(*which, strict=True)):
             select = ca.DM(len(chosen), len(axes))
             for number, axis in enumerate(side):
@@ -187,7 +185,6 @@ def _derivatives(robot: Robot, pairs: tuple[Pair, ...], compiled: bool) -> tuple
     return (
         ca.Function("first_derivatives", [q], [values, jacobian]),
         ca.Function("second_derivatives", [q, weights], [gradient, total]),
-        ca.Function("values", [q], [ca.horzcat(*alone).T[back] + _thicker(pairs)]),
     )
 
 
@@ -199,7 +196,7 @@ def _kernels(
 
     ``(ends, slopes[e,n], numbers) -> distance, slope[n]``; with a further ``weight`` ->
     weight times the slope by the ends [e], by the joints [n], and times the curvature by the joints
-    [n n]; and the distance alone.
+    [n n].
     """
 
     def make() -> Sequence[ca.Function]:
@@ -216,7 +213,6 @@ def _kernels(
         return (
             ca.Function("pair_slope", inputs, first),
             ca.Function("pair_curve", [*inputs, weight], second),
-            distance,
         )
 
     recipe = f"{kind.__name__}, {count} numbers, {joints} joints"
@@ -228,7 +224,7 @@ def _of_axes(
     robot: Robot, axes: tuple[tuple[int, Capsule], ...], compiled: bool
 ) -> Sequence[ca.Function]:
     """Return functions of the axis ends: ``(q) -> ends [6,A], slopes [6,A n]``,
-    ``(q, weights [6 A]) -> Hessian`` of the weighted sum, and ``(q) -> ends``.
+    and ``(q, weights [6 A]) -> Hessian`` of the weighted sum.
     """
     poses = link_poses(robot)
 
@@ -244,7 +240,6 @@ def _of_axes(
         return (
             ca.Function("axes", [q], both),
             ca.Function("axes_curve", [q, weights], [curve]),
-            ca.Function("axes_alone", [q], [ends]),
         )
 
     places = [(frame, c.start.tolist(), c.end.tolist()) for frame, c in axes]
@@ -333,19 +328,24 @@ class DistancesInPoses:
                 rows[..., 6 * k : 6 * k + 6] = self._ends[:, side]
             group.slopes.run()
 
-    def slopes(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the distances [N,k], m, in poses [N,n], and their slopes [N,k,n]."""
+    def values(self, q: FloatArray) -> FloatArray:
+        """Return the distances [N,k], m, in poses [N,n]."""
         self._move(q)
-        values, slopes = (
-            np.empty((len(q), self._thicker.size, *more)) for more in ((), (q.shape[1],))
-        )
+        values = np.empty((len(q), self._thicker.size))
         for group in self._groups:
             values[:, group.chosen] = group.values
+        return values + self._thicker
+
+    def slopes(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the distances [N,k], m, in poses [N,n], and their slopes [N,k,n]."""
+        values = self.values(q)
+        slopes = np.empty((*values.shape, q.shape[1]))
+        for group in self._groups:
             slopes[:, group.chosen] = sum(
                 (part[:, :, None] @ self._moved[:, side])[:, :, 0]
                 for part, side in zip(group.parts, group.axes, strict=True)
             )
-        return values + self._thicker, slopes
+        return values, slopes
 
     def curvature(self, q: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return gradient [N,n] and Hessian [N,n,n] of the sum with weights [N,k].

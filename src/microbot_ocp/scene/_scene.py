@@ -11,7 +11,6 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp._base.codegen import compiles
 from microbot_ocp.limits import ROUNDING, Limit
 from microbot_ocp.robot import Capsule, Robot, fit_capsules, link_capsules
 from microbot_ocp.scene._obstacles import KINDS, Obstacle
@@ -245,5 +244,5 @@ def clearances(robot: Robot, pairs: Sequence[Pair], q: FloatArray) -> FloatArray
     """Return the distances [N,k] of pairs in poses q [N,n], m, by the solver's functions."""
     chosen = tuple(pairs)
     poses = checks.array("q", q, (None, robot.joint_count), "rad")
-    values = Distances(chosen).derivatives(robot, compiles())[-1](np.ascontiguousarray(poses.T))
-    return np.array(values).T - np.array([pair.capsule.radius for pair in chosen])
+    values = Distances(chosen).in_poses(robot, len(poses)).values(poses)
+    return values - np.array([pair.capsule.radius for pair in chosen])

@@ -55,7 +55,6 @@ from microbot_ocp.planning.task import (
     TaskScale,
     dry_friction,
     has_windows,
-    knows_derivatives,
     passing,
 )
 from microbot_ocp.robot import Robot
@@ -511,8 +510,8 @@ def flat_form(
 def _is_flat(families: Sequence[LimitFamily], conditions: Conditions, size: TaskScale) -> bool:
     keys = set[tuple[str, ...]]()
     for family in families:
-        own = [member for member in family if member.limit is not None]
-        if family.means or not all(knows_derivatives(member.limit) for member in own):
+        own = [member.limit for member in family if member.limit is not None]
+        if family.means or not all(limit.knows_derivatives for limit in own):
             return False
         keys.add(tuple(key for key in family.keys if family[key].limit is None))
     start, *_, end = conditions.ends

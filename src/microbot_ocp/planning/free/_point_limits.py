@@ -25,7 +25,6 @@ from microbot_ocp.planning.task import (
     dry_friction,
     finite_scale,
     friction_rate,
-    knows_derivatives,
     torque_at_drives,
     torques_of,
     without_dry_friction,
@@ -111,7 +110,7 @@ def point_limits(robot: Robot, keys: tuple[str, ...], payload: bool = False) -> 
     """
     family = LimitFamily.of(robot)
     further = {key: family[key].limit for key in keys if key in family}
-    own = {key: limit for key, limit in further.items() if knows_derivatives(limit)}
+    own = {key: limit for key, limit in further.items() if limit and limit.knows_derivatives}
     if not own:
         return _in_tables(robot, keys, payload)
     others = tuple(limit for limit in robot.limits.also if limit not in own.values())

@@ -25,7 +25,6 @@ from microbot_ocp.planning.task import (
     declare_limits,
     derivatives_for,
     has_windows,
-    knows_derivatives,
     passing,
     torques_of,
     windowed_torques,
@@ -78,7 +77,7 @@ def transcription(
     compiled = compiles(compiled)
     # Among obstacles each stage is used in one scene only: compile the parts that scenes share.
     limits = [limit for limited in robots for limit in limited.limits.also]
-    shared = compiled and any(map(knows_derivatives, limits))
+    shared = compiled and any(limit.knows_derivatives for limit in limits)
     return Transcription(
         free_problem(robot, via, payload=payload, budgeted=budgeted, conditions=conditions),
         scheme="shooting",

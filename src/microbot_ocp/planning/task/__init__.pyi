@@ -17,7 +17,6 @@ from ._checks import (
     derivatives_for as derivatives_for,
     fastest_tool as fastest_tool,
     finite_scale as finite_scale,
-    knows_derivatives as knows_derivatives,
     length_text as length_text,
     locked_joints as locked_joints,
     rate_switches as rate_switches,

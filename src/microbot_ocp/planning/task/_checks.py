@@ -18,7 +18,6 @@ from microbot_ocp._base.foreign_words import NAMES
 from microbot_ocp.limits import (
     ROUNDING,
     JointLimits,
-    Limit,
     LimitChanges,
     LimitFamily,
     Limits,
@@ -404,7 +403,8 @@ def declare_limits(
         joint_values["tau"], joint_values["taud"] = torques(*state, *held)
     further = [key for key in keys if family[key].limit is not None]
     payload = _with_payload(torque_and_rate, family.robot) if held and further else None
-    alone = [key for key in further if knows_derivatives(family[key].limit)]
+    limits = {key: family[key].limit for key in further}
+    alone = [key for key, limit in limits.items() if limit and limit.knows_derivatives]
     expressions = family.expressions(
         [key for key in further if key not in alone], (*state, *held), payload
     )
@@ -435,11 +435,6 @@ def declare_limits(
             scale = finite_scale(np.ravel(size), np.ravel(size))
             name = f"{member.name}, {side} limit"
             declare(name, room, upper=0.0, scale=scale)
-
-
-def knows_derivatives(limit: Limit | None) -> bool:
-    """Return True if the expression of a limit has its own derivatives."""
-    return limit is not None and hasattr(limit.expression, "derivatives")
 
 
 def finite_scale(lower: FloatArray, upper: FloatArray) -> FloatArray:
