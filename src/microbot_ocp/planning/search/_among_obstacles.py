@@ -307,7 +307,7 @@ class _OrderAmongObstacles:
                 result = self._coarse(guide)
                 if result is None:
                     return []
-                coarse = {"level": Level.COARSE, "duration": result.duration}
+                coarse = {"level": result.level, "duration": result.duration}
                 # Poses of a redundant arm slide: several ways may lead to one optimum, which is
                 # raised again only if nothing else leads to a motion.
                 others = self._coarse_results.values()

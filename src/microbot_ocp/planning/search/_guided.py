@@ -239,6 +239,14 @@ class CoarseResult:
         answer = best_of(self.search, self.state)
         return answer.solution.duration if answer.solved else np.inf
 
+    @property
+    def level(self) -> Level:
+        """Accuracy of the duration: each finer mesh gains less than the one before."""
+        mesh = explore_mesh(self.search)
+        if mesh == full_mesh(self.search):
+            return Level.SPLIT
+        return Level.COARSE if self.search.problem.finer == 1 else Level.FULL
+
     def is_optimum_of(self, other: CoarseResult) -> bool:
         """Return True if another result is the same optimum: as fast, on the same mesh."""
         if explore_mesh(self.search) != explore_mesh(other.search):

@@ -23,8 +23,8 @@ class Level(IntEnum):
     BOUND = 0  # lower bound: no motion is faster
     TIMED = 1  # estimate from below by timed paths
     COARSE = 2  # solved on a coarse mesh
-    FULL = 3  # solved on a full mesh
-    SPLIT = 4  # limits hold between mesh points
+    FULL = 3  # solved on a full mesh, or on one between
+    SPLIT = 4  # limits hold between mesh points, or links keep clear on a full mesh
     FINISHED = 5  # solved to the wanted gap, and proved to keep clear of obstacles
 
 
@@ -78,8 +78,10 @@ def best_first(
     waiting, finished, gain = list(first), list[C](), dict(GAIN)
 
     def hoped(candidate: C) -> tuple[bool, float]:
-        share = gain.get(candidate.level, 0.0)
-        return not candidate.keeps_limits, (1.0 - share) * candidate.duration
+        # Estimates below a coarse answer are from below: nothing is gained beyond them.
+        levels = [level for level in gain if level >= candidate.level > Level.TIMED]
+        left = np.prod([1.0 - gain[level] for level in levels])
+        return not candidate.keeps_limits, float(left) * candidate.duration
 
     def best() -> tuple[bool, float]:
         if np.isfinite(most):
