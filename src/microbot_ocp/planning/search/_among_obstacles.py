@@ -295,8 +295,10 @@ class _OrderAmongObstacles:
             way, guide = candidate.way, candidate.guide
             if guide is None:
                 guides = self._legs.guides_of(self.task, way, candidate.searches)
-                new = guides[candidate.paths :]
-                along = [self._along(guide, guide is new[0]) for guide in new]
+                # A motion may be far faster than the timing of its path from rest to rest, so each
+                # path is bounded like its way.
+                given = {"level": Level.TIMED, "duration": bound_of(self.task, way)}
+                along = [_Guided(way, guide=guide, **given) for guide in guides[candidate.paths :]]
                 if candidate.searches == MOST_SEARCHES:
                     return along
                 # Further paths are searched for only if no way leads to a motion.
@@ -325,17 +327,6 @@ class _OrderAmongObstacles:
         ways = [way for way, _ in self._legs.ways(self.task)]
         finished = best_first((_Guided(way, bound_of(self.task, way)) for way in ways), raised)
         return min(finished, key=lambda guided: guided.rank, default=None)
-
-    def _along(self, guide: GuidedWay, is_first: bool) -> _Guided:
-        """Return a path around obstacles as a candidate.
-
-        A motion may be far faster than the timing of its path from rest to rest. The first path of
-        each way is therefore bounded like the way; its other paths count by their timing.
-        """
-        timed = optimistic_duration_of(self.task, guide.durations, share=1.0)
-        least = bound_of(self.task, guide.way)
-        duration = least if is_first else timed - float(self.task.dwells.sum())
-        return _Guided(guide.way, duration, Level.TIMED, guide)
 
     def _branches(self, taken: Way) -> list[dict[str, Any]]:
         """Return the coarse duration of every way through the branches, the taken one first."""

@@ -374,9 +374,11 @@ def less_smoothing(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
 def split_where_exceeded(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
     """Split intervals at switches, and until limits hold between mesh points."""
     refiner, best = _going_on(subject), subject.solution
+    is_guided, tolerance = search.problem.timed_path is not None, search.settings.limit_tolerance
     marks: Any = {
         "switching": partial(switch_marks, search.problem.family),
-        "worth": LEAST_GAIN,
+        # Other ways around obstacles differ by percents: the last meshes are not worth their time.
+        "worth": tolerance if is_guided else LEAST_GAIN,
     }
     if accelerations_jump(search.problem.family):
         usual = _at_most(refiner.settings, SMOOTHING_ITERATIONS)
@@ -391,7 +393,7 @@ def split_where_exceeded(search: MotionSearch, subject: MotionAnswer) -> MotionA
     if search.problem.is_rated:
         # The last refinement of a mesh gains almost nothing and may take a thousand iterations.
         refiner = replace(refiner, once=True, settings=_at_most(refiner.settings, USUAL_ITERATIONS))
-    if search.problem.timed_path is not None:  # a failed solve is repeated from a larger barrier
+    if is_guided:  # a failed solve is repeated from a larger barrier
         farther = _from_barrier(refiner, TIMED_PATH_BARRIER)
         refiner = replace(refiner, settings=farther)
     best = refiner.refine(best, **marks)
