@@ -570,8 +570,9 @@ def test_the_fastest_is_returned_where_less_time_is_allowed() -> None:
     few["progress"] = lambda event: lines.append(str(event))
     motion = mo.time_optimal(ARM, ENDS, scene=POST, duration=0.5, **few)
     assert motion.status is mo.Status.INFEASIBLE
-    # Once the fastest motion is known, no slower path is solved.
-    assert len({line.split(":")[0] for line in lines if line.startswith("start ")}) == 1
+    # Once the fastest motion is known, no slower path is refined: meshes grow in one refinement.
+    meshes = [int(line.split()[1].rstrip(":")) for line in lines if line.startswith("mesh ")]
+    assert meshes == sorted(set(meshes))
     tells(motion.note, "0.5 s", "fastest")
     assert motion.provenance["clearance"]["proved"]
 
@@ -583,7 +584,7 @@ def test_a_part_keeps_clear_from_the_stop_on_at_which_it_is_picked(around: mo.Mo
     motion = mo.time_optimal(ARM, stops, scene=POST, mesh=12, starts=1, compiled=False)
     certificate = mo.certify(ARM, motion, via_q=stops, scene=POST)
     assert certificate.ok
-    assert motion.provenance["starts"][0]["start"] == "branches 1-1, around 1"
+    assert motion.provenance["starts"][0]["start"].startswith("branches 1-1, around ")
     bare = mo.certify(mo.load_robot("planar_3r"), around, via_q=stops, scene=POST)
     assert bare.clearance is not None
     assert bare.clearance.pair == "part to post"
