@@ -12,15 +12,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 import microbot_ocp as mo
 from microbot_ocp._base.deadline import processor_time
+from microbot_ocp.views.plots._page import styled
 
 CONDITIONS = ("makers", "curobo", "curobo-torque")
 WIDENED = 0.2  # rad by which their benchmark widens the position limits
 ACCELERATION, JERK = 15.0, 500.0  # rad/s^2 and rad/s^3 of every joint
 PAYLOAD = 3.0  # kg, a point mass in the frame of the hand, whose origin is our tool
 SHARES = (50, 75, 98)  # published percentiles of the motion time
+TITLES = {"curobo": "their limits", "curobo-torque": "with torque limits and 3 kg"}
 # Success in %, mean and percentiles of the motion time in s, median of the planning time in s on an
 # RTX 6000 Ada.
 PUBLISHED = {
@@ -127,16 +130,16 @@ def certified(rows: list[dict[str, Any]], conditions: str) -> list[dict[str, Any
 
 def draw(rows: list[dict[str, Any]], path: Path) -> None:
     """Draw the shares of motions below a motion time, and the published percentiles."""
-    from matplotlib.figure import Figure
-
-    figure = Figure((9, 4), layout="constrained")
-    axes = figure.subplots(1, 2, sharex=True, sharey=True)
-    for axis, conditions in zip(axes, PUBLISHED, strict=True):
-        times = sorted(r["duration"] for r in certified(rows, conditions))
-        shares = 100 * np.arange(1, len(times) + 1) / max(len(times), 1)
-        axis.step(times, shares, where="post", label="certified motions")
-        axis.plot(PUBLISHED[conditions][1][1:], SHARES, "o", label="cuRobo V2, 2600 problems")
-        axis.set(title=conditions, xlabel="motion time [s]")
-    axes[0].set_ylabel("motions [%]")
-    axes[0].legend()
-    figure.savefig(path)
+    with styled():
+        figure = Figure((7.2, 2.9), layout="constrained")
+        axes = figure.subplots(1, 2, sharex=True, sharey=True)
+        for axis, (conditions, title) in zip(axes, TITLES.items(), strict=True):
+            times = sorted(r["duration"] for r in certified(rows, conditions))
+            shares = 100 * np.arange(1, len(times) + 1) / max(len(times), 1)
+            label = f"certified and clear, {len(times)} problems"
+            axis.step(times, shares, where="post", label=label)
+            axis.plot(PUBLISHED[conditions][1][1:], SHARES, "o", label="cuRobo V2, 2600 problems")
+            axis.set(title=title, xlabel="motion time [s]")
+            axis.legend(loc="lower right")
+        axes[0].set_ylabel("motions that take no longer [%]")
+        figure.savefig(path)

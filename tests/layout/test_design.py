@@ -142,7 +142,7 @@ def test_slopes_beside_an_obstacle_that_the_arm_passes_near():
     assert np.abs(segment["distance"]["slopes"]).sum() > 0.1
     by_multipliers = slopes(cell, quantities, np.zeros(2), motion)
     for k in range(2):
-        # Durations are right to 3e-5 s, so a shorter step would have differences wrong by a percent.
+        # Durations are right to 3e-5 s: differences of a shorter step are wrong by a percent.
         step = np.eye(2)[k] * 1.6e-2
         ends = [cell_with(cell, quantities, s * step).solve() for s in (1.0, -1.0)]
         difference = (ends[0].motion.duration - ends[1].motion.duration) / 3.2e-2
