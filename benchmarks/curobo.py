@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 import microbot_ocp as mo
 from microbot_ocp._base.deadline import processor_time
-from microbot_ocp.views.plots._page import styled
+from microbot_ocp.views.plots import styled
 
 CONDITIONS = ("makers", "curobo", "curobo-torque")
 WIDENED = 0.2  # rad by which their benchmark widens the position limits

@@ -174,7 +174,7 @@ def test_an_interrupt_while_casadi_converts_an_iterate_prints_nothing(monkeypatc
 
     def look(iteration):
         if iteration.number == 2:
-            monkeypatch.setattr(np, "frombuffer", interrupted)
+            monkeypatch.setattr(ca.DM, "toarray", interrupted)
 
     solution = solve(double_integrator(), 20, settings=SolverSettings("ipopt"), progress=look)
     assert solution.status is Status.INTERRUPTED

@@ -9,7 +9,7 @@ no callbacks, except to keep the last iterate of a solver that may have to be ki
 from __future__ import annotations
 
 import mmap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -120,8 +120,8 @@ class Watch:
     def record(self, x: Any, cost: Any = None) -> bool:
         """Record an iterate and scaled cost from a solver, keeping interrupts inside."""
         try:
-            given = np.frombuffer(x).copy() if isinstance(x, memoryview) else np.array(x).ravel()
-            whole = None if cost is None else float(np.frombuffer(cost)[0])
+            given = np.array(x).ravel()
+            whole = None if cost is None else float(cost)
             return self.report(given, None if whole is None else whole * self.program.cost_scale)
         except BaseException as problem:
             if not _interrupts(problem):
@@ -162,15 +162,8 @@ class _IterationCall(PythonFunction):
         inputs = [ca.Sparsity.dense(outputs[name]) for name in ca.nlpsol_out()]
         super().__init__("iteration", inputs, ca.Sparsity.dense(1))
 
-    def has_eval_buffer(self) -> bool:
-        """Return True: the multipliers are not converted to matrices at every iteration."""
-        return True
-
-    def eval_buffer(self, arg: Sequence[Any], res: Sequence[Any]) -> int:
-        stops = not self.watch.record(*arg[:2])
-        if res[0] is not None:
-            np.frombuffer(res[0])[:] = float(stops)
-        return 0
+    def eval(self, arguments: Any) -> list[float]:
+        return [0.0 if self.watch.record(*arguments[:2]) else 1.0]
 
 
 class _GradientCall(PythonFunction):
