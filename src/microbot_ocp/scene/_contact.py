@@ -17,6 +17,7 @@ from microbot_ocp._base.threads import cached_in_thread
 from microbot_ocp.robot import Capsule, LinkHull, Robot, link_hull, link_poses, transform_of
 from microbot_ocp.scene._obstacles import (
     MOST_FACES,
+    TINY,
     Box,
     Cylinder,
     HalfSpace,
@@ -28,7 +29,7 @@ from microbot_ocp.scene._obstacles import (
 from microbot_ocp.scene._pairs import ACCURACY
 from microbot_ocp.scene._scene import Pair, Scene, clearances, separated_pairs, with_arm_capsules
 
-TINY, LARGE = 1e-300, 1e3  # against division by zero; half the edge of a half space's box, m
+LARGE = 1e3  # half the edge of a half space's box, m
 
 
 class Nearest(NamedTuple):

@@ -106,6 +106,16 @@ def _axes(pair: Pair) -> list[tuple[int, Capsule]]:
     return axes
 
 
+def _axes_of(robot: Robot, pairs: Sequence[Pair]) -> list[tuple[int, Capsule]]:
+    """Return the moving axes of pairs; those of the whole arm, if they suffice.
+
+    The whole arm gives the same functions to every scene.
+    """
+    axes = dict.fromkeys(axis for pair in pairs for axis in _axes(pair))
+    whole = dict.fromkeys((frame, capsule) for frame, capsule in robot.capsules if frame)
+    return list(whole if axes.keys() <= whole.keys() else axes)
+
+
 def _ends(poses: Sequence[Any], frame: int, capsule: Capsule) -> Any:
     """Return the ends [6] of a capsule's axis in the base frame."""
     turn, origin = poses[frame][:3, :3], poses[frame][:3, 3]
@@ -148,10 +158,7 @@ def _distance(kind: type[Obstacle], count: int) -> ca.Function:
 @lru_cache(maxsize=64)
 def _derivatives(robot: Robot, pairs: tuple[Pair, ...], compiled: bool) -> tuple[ca.Function, ...]:
     n = robot.joint_count
-    axes = dict.fromkeys(axis for pair in pairs for axis in _axes(pair))
-    # Axes of the whole arm, if they suffice, give the same compiled functions to every scene.
-    whole = dict.fromkeys((frame, capsule) for frame, capsule in robot.capsules if frame)
-    axes = whole if axes.keys() <= whole.keys() else axes
+    axes = _axes_of(robot, pairs)
     column = {axis: number for number, axis in enumerate(axes)}
     place, bend = _of_axes(robot, tuple(axes), compiled)
     q, weights = ca.MX.sym("q", n), ca.MX.sym("weights", len(pairs))
@@ -291,10 +298,7 @@ class DistancesInPoses:
     """
 
     def __init__(self, robot: Robot, pairs: Sequence[Pair], count: int) -> None:
-        axes = dict.fromkeys(axis for pair in pairs for axis in _axes(pair))
-        # Axes of the whole arm, if they suffice, give the same functions to every scene.
-        whole = dict.fromkeys((frame, capsule) for frame, capsule in robot.capsules if frame)
-        axes = list(whole if axes.keys() <= whole.keys() else axes)
+        axes = _axes_of(robot, pairs)
         column = {axis: number for number, axis in enumerate(axes)}
         # Further limits would change the key of these functions with every scene.
         makers = _axes_in_rows(link_poses(robot.with_limits(also=())), tuple(axes))

@@ -120,9 +120,8 @@ class Watch:
     def record(self, x: Any, cost: Any = None) -> bool:
         """Record an iterate and scaled cost from a solver, keeping interrupts inside."""
         try:
-            given = np.array(x).ravel()
-            whole = None if cost is None else float(cost)
-            return self.report(given, None if whole is None else whole * self.program.cost_scale)
+            whole = None if cost is None else float(cost) * self.program.cost_scale
+            return self.report(np.array(x).ravel(), whole)
         except BaseException as problem:
             if not _interrupts(problem):
                 raise

@@ -17,7 +17,6 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.fast_calls import RowsInPlace
-from microbot_ocp.limits import Limit
 from microbot_ocp.ocp.transcription import Label, Program
 from microbot_ocp.planning.free._flat_loops import ENDS, Form, loops_of
 from microbot_ocp.planning.free._flat_rows import NOWHERE, FlatRows, Places, Scales, WindowPlaces
@@ -38,13 +37,13 @@ class FlatEvaluation:
         self._jacobian_scale = unknowns[structure.of_jacobian[1]]
         self._hessian_scale = unknowns[first] * unknowns[second]
         self._starts = form.starts[rows.phase]
+        phases = _phases_with(rows)
         self._groups = [
-            _LimitsInPlace(points, limits, held[points], form.pairs)
-            for points, limits in _phases_with(rows)
+            _LimitsInPlace(points, limits, held[points], form.pairs) for points, limits in phases
         ]
         self._distances = [
             _DistancesInPlace(rows, points, limits, *each)
-            for points, limits in _phases_with(rows)
+            for points, limits in phases
             for each in limits.distances
         ]
         self._q = np.zeros((ORDERS, form.points, form.joints))
@@ -221,14 +220,9 @@ class _LimitsInPlace:
         for order in range(ORDERS):
             memory.inputs[order][...] = q[order, self.points]
         if weights is not None:
-            memory.inputs[-1][...] = weights[self.points, : self._count]
+            memory.inputs[-1][...] = weights[self.points, : self._limits.in_tables]
         memory.run()
         return memory.outputs
-
-    @property
-    def _count(self) -> int:
-        """Number of rows of the tables; distances follow."""
-        return self._limits.count - sum(of.stop - of.start for _, of in self._limits.distances)
 
     def put(
         self, name: str, q: FloatArray, weights: FloatArray | None, outputs: list[FloatArray]
@@ -240,27 +234,33 @@ class _LimitsInPlace:
             place = np.ix_(np.arange(len(q[0]))[self.points], self._blocks)
             outputs[1][place] = second[0].reshape(len(first), len(self._blocks), -1)
             return
-        outputs[0][self.points, : self._count] = first
+        count = self._limits.in_tables
+        outputs[0][self.points, :count] = first
         if second:
-            by_order = second[0].reshape(len(first), ORDERS, self._count, q.shape[2])
-            outputs[1][self.points, :, : self._count] = by_order
+            by_order = second[0].reshape(len(first), ORDERS, count, q.shape[2])
+            outputs[1][self.points, :, :count] = by_order
 
 
 class _DistancesInPlace:
     """Limits with derivatives of their own, at the points of a program that have their rows."""
 
     def __init__(
-        self, rows: FlatRows, points: Any, limits: PointLimits, limit: Limit, columns: slice
+        self,
+        rows: FlatRows,
+        points: Any,
+        limits: PointLimits,
+        in_poses: Callable[[int], Any],
+        columns: slice,
     ) -> None:
         points = np.arange(rows.layout.points)[points]
         self.points = points[(rows.at_points[points, columns] >= 0).any(axis=1)]
         self.columns, self._scale = columns, limits.scale[columns]
-        self._rows = limit.expression.in_poses(limits.robot, self.points.size)
+        self._rows = in_poses(self.points.size)
 
     def put(
-        self, name: str, q: FloatArray, weights: FloatArray | None, outputs: list[FloatArray]
+        self, _: str, q: FloatArray, weights: FloatArray | None, outputs: list[FloatArray]
     ) -> None:
-        """Store values and slopes of the rows, or add their curvature, as of other limits."""
+        """Store values and slopes of the rows, or with weights add their curvature."""
         at = q[0, self.points]
         if weights is not None:
             given = weights[self.points, self.columns] / self._scale
@@ -270,8 +270,7 @@ class _DistancesInPlace:
             return
         values, slopes = self._rows.slopes(at)
         outputs[0][self.points, self.columns] = values / self._scale
-        if name == "slopes":
-            outputs[1][self.points, 0, self.columns] = slopes / self._scale[:, None]
+        outputs[1][self.points, 0, self.columns] = slopes / self._scale[:, None]
 
 
 def _phases_with(rows: FlatRows) -> list[tuple[Any, PointLimits]]:

@@ -149,14 +149,12 @@ class FlatLayout:
                     fraction,
                     None if given is None else given[step::2],
                 )
-        for stop in rows.at_stops:
-            # A condition belongs to the phase that begins at its via point, or that ends there.
-            if stop.node == self.index:
-                kind, interval = "point", 0
-            elif stop.node == self.index + 1 == len(rows.limits):
-                kind, interval = "end", self.intervals
-            else:
-                continue
+        # A condition belongs to the phase that begins at its via point; the last, to its end.
+        places = {self.index: ("point", 0)}
+        if self.index + 1 == len(rows.limits):
+            places[self.index + 1] = "end", self.intervals
+        for stop in (stop for stop in rows.at_stops if stop.node in places):
+            kind, interval = places[stop.node]
             entries = tuple(
                 TableEntry(kind, None, stop.name, k, stop.numbers.size, 0.0, "", 1.0)
                 for k in range(stop.numbers.size)

@@ -47,6 +47,7 @@ from microbot_ocp.planning.free._point_limits import (
     HELD,
     RATED,
     point_limits,
+    without_distances,
 )
 from microbot_ocp.planning.free._problem import JERK_WEIGHT, free_problem, phase_shapes, scale_of
 from microbot_ocp.planning.free._spline import DEGREE, SplineLayout, spline_layout
@@ -503,7 +504,10 @@ def flat_form(
     size = TaskScale.of(LimitFamily.of(robot), via)
     if not _is_flat(families, given, size):
         return None
-    problem = free_problem(robot, via, payload=payload, conditions=conditions)
+    # It gives phases their names and parameters: expressions of distances would take a tenth of a
+    # second for every scene.
+    bare = replace(given, robots=tuple(map(without_distances, given.robots)))
+    problem = free_problem(without_distances(robot), via, payload=payload, conditions=bare)
     return FlatTranscription(problem, families, given, size, payload)
 
 

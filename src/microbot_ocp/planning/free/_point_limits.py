@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache, reduce
+from functools import lru_cache, partial, reduce
 from operator import add
 from typing import Any, NamedTuple
 
@@ -63,9 +63,9 @@ class PointLimits:
     inner : array of bool [R]
         Mask of the rows in the middles of intervals. Limits of positions alone change little
         between mesh points.
-    distances : tuple of (Limit, slice)
-        Limits of positions with derivatives of their own, and their rows; the functions above
-        do not have these.
+    distances : tuple of (callable, slice)
+        Limits of positions with derivatives of their own, for a number of poses, and their rows.
+        These follow the rows of the functions above.
     """
 
     names: tuple[tuple[str, int, str], ...]
@@ -76,13 +76,17 @@ class PointLimits:
     curvature: Callable[[int], RowsInPlace]
     pairs: tuple[tuple[int, int], ...]
     inner: np.ndarray
-    robot: Robot
-    distances: tuple[tuple[Any, slice], ...] = ()
+    distances: tuple[tuple[Callable[[int], Any], slice], ...] = ()
 
     @property
     def count(self) -> int:
         """Number of rows at a point."""
         return len(self.names)
+
+    @property
+    def in_tables(self) -> int:
+        """Number of rows of the functions, without distances."""
+        return self.distances[0][1].start if self.distances else self.count
 
     @property
     def torque_scale(self) -> FloatArray:
@@ -113,16 +117,15 @@ def point_limits(robot: Robot, keys: tuple[str, ...], payload: bool = False) -> 
     own = {key: limit for key, limit in further.items() if limit and limit.knows_derivatives}
     if not own:
         return _in_tables(robot, keys, payload)
-    others = tuple(limit for limit in robot.limits.also if limit not in own.values())
-    limits = _in_tables(
-        robot.with_limits(also=others), tuple(k for k in keys if k not in own), payload
-    )
+    others = tuple(key for key in keys if key not in own)
+    limits = _in_tables(without_distances(robot), others, payload)
     names, labels, scale = [*limits.names], [*limits.labels], [limits.scale]
     distances = []
     for key, limit in own.items():
         member = family[key]
         size = member.lower.size
-        distances.append((limit, slice(len(names), len(names) + size)))
+        in_poses = partial(limit.expression.in_poses, robot)
+        distances.append((in_poses, slice(len(names), len(names) + size)))
         names += [(key, k, "") for k in range(size)]
         labels += [member.name] * size
         scale.append(finite_scale(member.lower, member.upper) * np.ones(size))
@@ -133,9 +136,14 @@ def point_limits(robot: Robot, keys: tuple[str, ...], payload: bool = False) -> 
         labels=tuple(labels),
         scale=np.concatenate(scale),
         inner=inner,
-        robot=robot,
         distances=tuple(distances),
     )
+
+
+def without_distances(robot: Robot) -> Robot:
+    """Return the robot without limits that have derivatives of their own."""
+    kept = tuple(limit for limit in robot.limits.also if not limit.knows_derivatives)
+    return robot if kept == robot.limits.also else robot.with_limits(also=kept)
 
 
 @lru_cache(maxsize=32)
@@ -196,7 +204,6 @@ def _in_tables(robot: Robot, keys: tuple[str, ...], payload: bool) -> PointLimit
         curvature_of,
         tuple(blocks),
         np.array(inner, bool),
-        robot,
     )
 
 

@@ -176,6 +176,7 @@ class _OrderAmongObstacles:
     def __init__(self, request: SolveRequest, legs: LegPlanner, task: Task) -> None:
         self._request, self.task, self._scene, self._legs = request, task, legs.scene, legs
         legs.search([task])
+        self._searches: dict[str, GuidedSearch] = {}
         self._coarse_results: dict[str, CoarseResult] = {}
 
     @cached_property
@@ -208,6 +209,9 @@ class _OrderAmongObstacles:
         return found or self._legs.known.get(self.task)
 
     def _search(self, guide: GuidedWay) -> GuidedSearch:
+        """Return the search along a guided way, cached."""
+        if guide.name in self._searches:
+            return self._searches[guide.name]
         task, way = self.task, guide.way
         names = phase_names(len(task.segments))
         usual = rest_to_rest(task, way, names, self._request.settings.compiled)
@@ -217,7 +221,8 @@ class _OrderAmongObstacles:
             poses_along(guide.shapes[name]) if name in guide.shapes else path
             for name, path in zip(names, way.paths, strict=True)
         )
-        return GuidedSearch(self._request, task, self._scene, way, start, poses)
+        search = GuidedSearch(self._request, task, self._scene, way, start, poses)
+        return self._searches.setdefault(guide.name, search)
 
     def _coarse(self, guide: GuidedWay) -> CoarseResult | None:
         """Return the first coarse answer along a way, or the next one if it needs a further one.

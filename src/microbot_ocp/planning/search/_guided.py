@@ -341,7 +341,6 @@ class GuidedSearch:
         front: Front = [], ""
         proofs = list[Clearance | None]()
         with suppress(deadline.Over):
-            now = self.settled(now)
             known: tuple[Motion, Clearance] | None = None  # fastest motion that is proved clear
             for _ in range(MOST_REPEATS + 1):
                 answer: MotionAnswer | None = None

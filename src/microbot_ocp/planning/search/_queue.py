@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from enum import IntEnum
+from math import prod
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -79,9 +80,9 @@ def best_first(
 
     def hoped(candidate: C) -> tuple[bool, float]:
         # Estimates below a coarse answer are from below: nothing is gained beyond them.
-        levels = [level for level in gain if level >= candidate.level > Level.TIMED]
-        left = np.prod([1.0 - gain[level] for level in levels])
-        return not candidate.keeps_limits, float(left) * candidate.duration
+        later = (share for level, share in gain.items() if level >= candidate.level > Level.TIMED)
+        left = prod(1.0 - share for share in later)
+        return not candidate.keeps_limits, left * candidate.duration
 
     def best() -> tuple[bool, float]:
         if np.isfinite(most):
