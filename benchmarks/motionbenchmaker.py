@@ -43,6 +43,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import toppra
+from matplotlib.figure import Figure
 
 import microbot_ocp as mo
 from benchmarks import curobo
@@ -50,6 +51,7 @@ from benchmarks.scenes import read
 from external.toppra_timing import PolynomialPath, even_grid, toppra_problem
 from microbot_ocp._base import deadline
 from microbot_ocp.scene import Surroundings, detour
+from microbot_ocp.views.plots import styled
 
 ROBOTS = ("panda", "ur5")
 CAPSULES = {"panda": 2, "ur5": 3}  # capsules per link with which most starts and goals are free
@@ -376,24 +378,23 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
     if compared(rows):
         curobo.draw(rows, path)
         return
-    from matplotlib.figure import Figure
-
-    figure = Figure((9, 4), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    for robot in ROBOTS:
-        own = [r for r in rows if r["robot"] == robot and r.get("duration")]
-        pairs = [
-            (r["chain"], r["duration"]) for r in own if r["chain"] and r["outcome"] == "solved"
-        ]
-        left.scatter(*zip(*pairs, strict=True), s=12, label=robot) if pairs else None
-        times = sorted(r["first"] for r in own if r["first"])
-        right.step(
-            times, 100 * np.arange(1, len(times) + 1) / max(len(own), 1), where="post", label=robot
-        )
-    most = max([r["chain"] for r in rows if r["chain"]], default=1.0)
-    left.plot([0, most], [0, most], color="grey", linewidth=0.8)
-    left.set(xlabel="usual chain [s]", ylabel="solved and certified [s]")
-    first = "processor time to the first certified motion [s]"
-    right.set(xlabel=first, ylabel="problems [%]", xscale="log")
-    left.legend()
-    figure.savefig(path)
+    with styled():
+        figure = Figure((7.2, 3.2), layout="constrained")
+        left, right = figure.subplots(1, 2)
+        for robot in ROBOTS:
+            own = [r for r in rows if r["robot"] == robot and r.get("duration")]
+            pairs = [
+                (r["chain"], r["duration"]) for r in own if r["chain"] and r["outcome"] == "solved"
+            ]
+            left.scatter(*zip(*pairs, strict=True), s=12, label=robot) if pairs else None
+            times = sorted(r["first"] for r in own if r["first"])
+            shares = 100 * np.arange(1, len(times) + 1) / max(len(own), 1)
+            right.step(times, shares, where="post", label=robot)
+        most = max([r["chain"] for r in rows if r["chain"]], default=1.0)
+        left.plot([0, most], [0, most], color="grey", linewidth=0.8)
+        left.set(xlabel="usual chain [s]", ylabel="solved and certified [s]")
+        first = "processor time to the first certified motion [s]"
+        right.set(xlabel=first, ylabel="problems [%]", xscale="log")
+        right.xaxis.set_major_formatter("{x:g}")
+        left.legend()
+        figure.savefig(path)
