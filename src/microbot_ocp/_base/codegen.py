@@ -427,7 +427,9 @@ def build_library(
         if status:
             ending = " ".join(messages.read_bytes().decode(errors="replace").split())
             raise RuntimeError(f"{cc} ended with status {status}: {shortened(ending, 100)}")
-        _keep(library, content_of(compiled))
+        content = content_of(compiled)
+    # The folder is gone before the library is whole: nobody compiles again, nobody would remove it.
+    _keep(library, content)
     return library
 
 
