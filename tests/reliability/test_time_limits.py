@@ -162,6 +162,21 @@ def test_limits_nest():
     assert deadline.until() == np.inf
 
 
+def test_a_busy_machine_does_not_shorten_the_default_limit():
+    with mo.planning.TimeOptimalSettings().within(5.0) as begin:
+        assert deadline.left() <= 5.0 < deadline.until() - time.perf_counter()
+        assert begin.busy == ""
+        with deadline.within(1e-3, work=5.0) as inner:
+            time.sleep(2e-3)
+            assert deadline.over()
+            tells(inner.busy, "wall time", "processor")
+        with deadline.within(5.0, work=1e-9) as inner:
+            assert deadline.over()
+            assert inner.busy == ""
+    with mo.planning.TimeOptimalSettings(time_limit=1.0).within(5.0):
+        assert deadline.until() - time.perf_counter() <= 1.0
+
+
 def test_the_command_line_says_so(capsys):
     options = ["--via-deg", "0,0,0 -90,90,90", "--time-limit", "0.05", "--json"]
     assert main(["time-optimal", "microbot", *options]) == 1

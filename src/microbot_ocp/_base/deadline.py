@@ -22,12 +22,30 @@ _worked: ContextVar[float] = ContextVar("worked", default=np.inf)
 _given_up: ContextVar[bool] = ContextVar("given_up", default=False)
 
 
+WALL_FACTOR = 10.0  # wall time limit relative to the work limit, for a busy machine
+BUSY = "It ended at the wall time of {:.0f} s, of which it had the processor for {:.0f} s."
+
+
 class Over(Exception):
     """The time limit expired, and the unfinished result is dropped."""
 
 
+class Begin:
+    """Begin of a time limit."""
+
+    def __init__(self) -> None:
+        self._wall, self._work = time.perf_counter(), worked()
+
+    @property
+    def busy(self) -> str:
+        """Sentence on a limit that ended at its wall time, with work left; empty otherwise."""
+        if not over() or interrupts.pressed() or work_left() <= 0:
+            return ""
+        return BUSY.format(time.perf_counter() - self._wall, worked() - self._work)
+
+
 @contextmanager
-def within(time_limit: float, work: float = np.inf) -> Iterator[None]:
+def within(time_limit: float, work: float = np.inf) -> Iterator[Begin]:
     """Limit the wall time, s, and the work, s, of everything called inside of the context.
 
     Searches that reach the limit return their best result. Limits nest: the earliest end counts.
@@ -42,7 +60,7 @@ def within(time_limit: float, work: float = np.inf) -> Iterator[None]:
     limit = _worked.set(min(_worked.get(), worked() + work))
     try:
         with interrupts.noted():
-            yield
+            yield Begin()
     finally:
         _until.reset(token)
         _worked.reset(limit)

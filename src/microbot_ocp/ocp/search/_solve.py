@@ -65,7 +65,6 @@ CONSTANT = "with controls that are constant over every interval"
 COARSER = "from a coarser mesh"
 OTHER_STARTS = "from other starts"
 NOT_COMPARED = f"It was {UNCOMPARED}: there may be a cheaper optimum."
-BUSY = "It ended at the wall time of {:.0f} s, of which it had the processor for {:.0f} s."
 NOT_ALL = "Not every strategy was tried for want of time."
 
 INTERVALS = 50  # intervals per phase of the default mesh, for one or two phases
@@ -73,7 +72,6 @@ FEWEST_INTERVALS = 10  # intervals per phase of the default mesh, for many phase
 STARTS_COMPARED = 12  # other starts that a solution on a default mesh is compared with
 STARTS_ON_GIVEN_MESH = 4  # other starts that a solution on a given mesh is compared with
 MOST_ITERATIONS = 400  # iteration limit of a try: another strategy converges sooner than a long one
-WALL_FACTOR = 10.0  # wall time limit relative to the processor time limit, for a busy machine
 LEAST_TOLERANCE = 1e-10  # least tolerance of the solver that an accuracy requires
 
 
@@ -156,13 +154,13 @@ def solve(
     ('solved', 2.0)
     """
     goal, settings = _with_accuracy(accuracy, settings or SolverSettings())
-    seconds, began = checks.time_limit(time_limit), (time.perf_counter(), deadline.worked())
+    seconds = checks.time_limit(time_limit)
+    wall = min(deadline.WALL_FACTOR * seconds, settings.time_limit)
     how = mesh, guess, settings, scheme, cast("Progress | None", progress), goal
-    with deadline.within(min(WALL_FACTOR * seconds, settings.time_limit), seconds):
+    with deadline.within(wall, seconds) as begin:
         best = _searched(SolveTask(problem, *how))
-        if best.status not in ENDED and deadline.over() and deadline.work_left() > 0:
-            wall, work = time.perf_counter() - began[0], deadline.worked() - began[1]
-            best = best.remarked(BUSY.format(wall, work))
+        if best.status not in ENDED and begin.busy:
+            best = best.remarked(begin.busy)
     return best
 
 

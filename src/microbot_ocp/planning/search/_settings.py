@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
@@ -58,8 +59,9 @@ class TimeOptimalSettings:
     seed : int
         Seed of the random starts.
     time_limit : float, optional
-        Wall time, s, after which the best motion so far is returned with the status "time limit".
-        Default 120, and 600 with stops, a free order or a scene; infinite means no limit.
+        Wall time, s, after which the best motion so far is returned with the status "time limit";
+        infinite means no limit. The default depends little on the load of the machine: 120 s of
+        processor time, 600 s with stops, a free order or a scene, and ten times as much wall time.
     """
 
     mesh: int | None = None
@@ -85,9 +87,11 @@ class TimeOptimalSettings:
         if self.switching_times and self.slack:
             raise InputError("switching_times are those of the fastest motion: slack must be 0")
 
-    def within(self, usual: float) -> AbstractContextManager[None]:
-        """Return a context that ends at the time limit, s; ``usual`` is the default limit."""
-        return deadline.within(usual if self.time_limit is None else self.time_limit)
+    def within(self, usual: float) -> AbstractContextManager[deadline.Begin]:
+        """Return a context that ends at the time limit, or by default after ``usual`` s of work."""
+        if self.time_limit is None:
+            return deadline.within(deadline.WALL_FACTOR * usual, work=usual)
+        return deadline.within(self.time_limit)
 
 
 @contextmanager
@@ -97,5 +101,7 @@ def reserving() -> Iterator[None]:
     The reserve is ``min(reserved_share * t, longest_reserve)`` of the remaining time t.
     """
     left = deadline.left()
-    with deadline.within(max(left - min(RESERVED_SHARE * left, LONGEST_RESERVE), LEAST_TIME)):
+    reserve = min(RESERVED_SHARE * left, LONGEST_RESERVE)
+    wall, work = deadline.until() - time.perf_counter(), deadline.work_left()
+    with deadline.within(max(wall - reserve, LEAST_TIME), max(work - reserve, LEAST_TIME)):
         yield

@@ -114,10 +114,9 @@ def fastest_through(
             raise InputError("give a duration or a slack for less effort, not both")
     begin = time.perf_counter()
     problem = problem_of(task, settings, duration)
-    # Under a short limit the known motion comes first, so that there is something to return.
-    given = min(usual if settings.time_limit is None else settings.time_limit, deadline.left())
     with settings.within(usual):
-        if given < usual and duration is None:  # compute the fallback before time runs out
+        # Under a short limit the known motion comes first, so that there is something to return.
+        if deadline.left() < usual / 2 and duration is None:
             problem = replace(problem, way=problem.fallback)
         try:
             with reserving(), deadline.given_up(problem.way is not None):

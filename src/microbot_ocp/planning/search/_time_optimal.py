@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from typing import Any, cast
 
 import numpy as np
@@ -10,6 +12,8 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.outcome import remark
+from microbot_ocp._base.status import Status
 from microbot_ocp.limits import JointLimits, Limits, with_reserve
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import StepProgress, quiet
@@ -98,7 +102,7 @@ def time_optimal(
     settings : TimeOptimalSettings, optional
         Single settings may be keywords instead: ``mesh``, ``starts``, ``tries``, ``slack``,
         ``limit_tolerance``, ``switching_times``, ``solver``, ``compiled``, ``seed``,
-        ``time_limit`` (default 120 s, and 600 s with stops, a free order or a scene).
+        ``time_limit`` (default 120 s of work, and 600 s with stops, a free order or a scene).
     progress : callable, optional
         Function called with a line of text at every step, and with a
         :class:`~microbot_ocp.planning.MotionIteration` at every iteration of a solver.
@@ -147,7 +151,8 @@ def time_optimal(
         via = check_via(family, cast("ArrayLike", via_q))
         task = Task.through(family, via)
         if scene is None:
-            return fastest_through(task, chosen, report, usual=TIME_LIMIT)
+            through = partial(fastest_through, task, chosen, report, usual=TIME_LIMIT)
+            return _in_time(through, chosen, TIME_LIMIT)
         via_q = task.stops
     if not isinstance(via_q, Sequence) and np.ndim(cast("Any", via_q)) == 0:
         raise InputError(f"via_q must be stops or poses, not {checks.shown(via_q)}")
@@ -155,7 +160,14 @@ def time_optimal(
     request = SolveRequest(
         robot, limits, stops, segments, cycle, chosen, report, order, duration, scene
     )
-    if scene is None:
-        return with_drives_noted(robot, solve_stops(request), limits)
-    with chosen.within(CELL_TIME_LIMIT):
-        return with_drives_noted(robot, stops_among(request), limits)
+    search = partial(solve_stops if scene is None else stops_among, request)
+    return with_drives_noted(robot, _in_time(search, chosen, CELL_TIME_LIMIT), limits)
+
+
+def _in_time(search: Callable[[], Motion], settings: TimeOptimalSettings, usual: float) -> Motion:
+    """Return the motion of a search, which says so if a busy machine ended it."""
+    with settings.within(usual) as begin:
+        motion = search()
+        if motion.status is Status.TIME_LIMIT and begin.busy:
+            motion = replace(motion, outcome=motion.outcome.and_(remark(begin.busy)))
+    return motion
