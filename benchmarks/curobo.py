@@ -8,6 +8,7 @@ problems are not published.
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,8 @@ import microbot_ocp as mo
 from microbot_ocp._base.deadline import processor_time
 from microbot_ocp.views.plots import styled
 
-CONDITIONS = ("makers", "curobo", "curobo-torque")
+OWN = ("makers", "makers-poses")  # conditions under the makers' limits, with joint and pose goals
+CONDITIONS = (*OWN, "curobo", "curobo-torque")
 WIDENED = 0.2  # rad by which their benchmark widens the position limits
 ACCELERATION, JERK = 15.0, 500.0  # rad/s^2 and rad/s^3 of every joint
 PAYLOAD = 3.0  # kg, a point mass in the frame of the hand, whose origin is our tool
@@ -34,7 +36,7 @@ PUBLISHED = {
 
 def under(robot: mo.Robot, conditions: str) -> mo.Robot:
     """Return a Panda under the limits of some conditions, with their payload."""
-    if conditions == "makers":
+    if conditions in OWN:
         return robot
     own = robot.limits
     theirs = robot.with_limits(
@@ -101,13 +103,14 @@ def comparison(rows: list[dict[str, Any]]) -> str:
     """Return our figures by conditions beside the published ones, as Markdown."""
     columns = {"": ["certified and clear", "solved", "motion time, mean, s"]}
     columns[""] += [*(f"{share} %" for share in SHARES), "torque, share of the limit", "search, s"]
-    for conditions in CONDITIONS:
-        tried = [r for r in rows if r["conditions"] == conditions and r["ends_free_by_meshes"]]
+    for robot, conditions in itertools.product(("panda", "ur5"), CONDITIONS):
+        own = [r for r in rows if (r["robot"], r["conditions"]) == (robot, conditions)]
+        tried = [r for r in own if r["ends_free_by_meshes"]]
         found = certified(tried, conditions)
         if not found:
             continue
         times = np.array([r["duration"] for r in found])
-        columns[conditions] = [
+        columns[conditions if robot == "panda" else f"{robot} {conditions}"] = [
             f"{len(found)} of {len(tried)}",
             str(sum(r["outcome"] == "solved" for r in found)),
             *(f"{t:.3f}" for t in (times.mean(), *np.percentile(times, SHARES))),
