@@ -156,6 +156,10 @@ def test_any_shape_keeps_and_meets_its_limits(seed, friction):
     assert 1 - 1e-5 <= worst(robot, limits, found.polynomial) <= 1 + 1e-9
     assert found.utilisation >= 1 - 1e-7
     assert worst(robot, limits, found.polynomial.stretched(0.999)) > 1.0
+    bisected = shortest_duration(robot, shape, limits, scan=False)
+    assert worst(robot, limits, bisected.polynomial) <= 1 + 1e-9
+    assert bisected.duration >= found.duration * (1 - 1e-7)
+    assert bisected.iterations <= found.iterations
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray, InputError, shown
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError, shown
 from microbot_ocp.limits._family import LimitFamily, LimitValues, MotionSamples
 from microbot_ocp.limits._joint_limits import JointLimits, Limits
 from microbot_ocp.limits._use import AT_LIMIT
@@ -329,10 +329,18 @@ def largest_use(
         uses = use_at(np.repeat(k, offsets.size), around.ravel())
         uses = uses.reshape(k.size, offsets.size, -1)
         component = np.take_along_axis(uses, channel[:, None, None], axis=2)[:, :, 0]
-        pick = component.argmax(axis=1)
-        row = np.arange(k.size)
+        row, pick = np.arange(k.size), component.argmax(axis=1)
         center, best = around[row, pick], np.maximum(best, component[row, pick])
         reach = reach / 4.0
+        # Only maxima that may still become the largest are refined further.
+        inner = np.clip(pick, 1, offsets.size - 2)
+        bend = component[row, inner - 1] - 2 * component[row, inner] + component[row, inner + 1]
+        hope = best + np.abs(bend)
+        kept = hope >= best.max()
+        k, channel = k[kept], channel[kept]
+        center, best, reach = center[kept], best[kept], reach[kept]
+        if hope.max() - best.max() <= ROUNDING:
+            break
     top = int(best.argmax())
     channels = [(key, joint) for key in wanted for joint in range(len(family[key].labels))]
     quantity, joint = channels[int(channel[top])]

@@ -83,6 +83,7 @@ def shortest_duration(
     *,
     first_duration: float = 1.0,
     tolerance: float = 1e-8,
+    scan: bool = True,
     time_limit: float = np.inf,
 ) -> Scaled:
     """Return the shortest duration at which a shape of motion keeps every limit.
@@ -114,6 +115,9 @@ def shortest_duration(
         First duration for a callable, s.
     tolerance : float
         Largest unused share of the limit that the result meets.
+    scan : bool
+        False to bisect in place of the descent: with fewer evaluations, but the result, which keeps
+        the limits, may lie beyond a gap.
     time_limit : float
         Wall time, s, after which the shortest duration so far has the status "time limit"; its
         ``utilisation`` is above 1 if no duration of a callable has kept the limits.
@@ -142,7 +146,7 @@ def shortest_duration(
     """
     started = time.perf_counter()
     with deadline.within(time_limit):
-        search = _DurationSearch(robot, make_motion, limits, first_duration, tolerance)
+        search = _DurationSearch(robot, make_motion, limits, first_duration, tolerance, scan)
         return search.run(started)
 
 
@@ -160,6 +164,7 @@ class _DurationSearch:
         limits: Limits | JointLimits | None,
         first_duration: float,
         tolerance: float,
+        scan: bool,
     ) -> None:
         self.robot = robot
         self.tolerance = checks.number("tolerance", tolerance, above=0.0, at_most=1e-3)
@@ -185,7 +190,7 @@ class _DurationSearch:
         friction = any(link.viscous_friction or link.coulomb_friction for link in robot.links)
         # The use of a shape without friction falls with the duration. Nothing is known about the
         # user's own limits.
-        self.from_above = (
+        self.from_above = scan and (
             self.shape is None
             or (friction and bool({"tau", "taud"} & set(self.kinds)))
             or any(member.limit is not None for member in self.family)

@@ -198,8 +198,9 @@ def _resting_at_corners(family: LimitFamily, way: Detour) -> Motion | None:
     assert way.corners is not None
     ends = itertools.pairwise(way.corners)
     shapes = [quintic(pair, [0.0, 1.0], np.zeros((2, robot.joint_count))) for pair in ends]
-    try:  # a loose tolerance suffices: the motion is only a fallback
-        scaled = [shortest_duration(robot, path, tolerance=1e-3).polynomial for path in shapes]
+    rough: dict[str, Any] = {"tolerance": 1e-3, "scan": False}  # the motion is only a fallback
+    try:
+        scaled = [shortest_duration(robot, path, **rough).polynomial for path in shapes]
     except InputError:  # the path leaves the position limits, or the arm cannot hold a pose
         return None
     how = {"method": AT_CORNERS}
