@@ -152,7 +152,7 @@ class _Guided:
     duration: float
     level: Level = Level.BOUND
     guide: GuidedWay | None = None
-    searches: int = FIRST_SEARCHES
+    searches: int = 1
     paths: int = 0  # number of paths of the way that are candidates of their own
     solved: bool = True
     front: Front = field(default_factory=lambda: ([], ""))
@@ -206,7 +206,8 @@ class _OrderAmongObstacles:
         guides = sorted(self._legs.guides(self.task), key=lambda guide: guide.rest_duration)
         timed = (self._legs.timed(self.task, guide) for guide in guides)
         found = next((path for path in timed if path is not None), None)
-        return found or self._legs.known.get(self.task)
+        known = [path for path in (found, self._legs.known.get(self.task)) if path is not None]
+        return min(known, key=lambda path: path.motion.duration, default=None)
 
     def _search(self, guide: GuidedWay) -> GuidedSearch:
         """Return the search along a guided way, cached."""
@@ -298,28 +299,32 @@ class _OrderAmongObstacles:
 
         def raised(candidate: _Guided, most: float) -> list[_Guided]:
             way, guide = candidate.way, candidate.guide
+            known = guide and self._coarse_results.get(guide.name)
+            expected = 0.0 if known else self._expected(way)
+            if expected > candidate.duration:
+                return [replace(candidate, duration=expected)]
             if guide is None:
-                guides = self._legs.guides_of(self.task, way, candidate.searches)
+                count = candidate.searches
+                guides = self._legs.guides_of(self.task, way, count)
                 # A motion may be far faster than the timing of its path from rest to rest, so each
                 # path is bounded like its way.
-                given = {"level": Level.TIMED, "duration": bound_of(self.task, way)}
-                along = [_Guided(way, guide=guide, **given) for guide in guides[candidate.paths :]]
-                if candidate.searches == MOST_SEARCHES:
+                new = guides[candidate.paths :]
+                along = [_Guided(way, candidate.duration, Level.TIMED, guide) for guide in new]
+                if count == MOST_SEARCHES:
                     return along
-                # Further paths are searched for only if no way leads to a motion.
-                further = {"searches": candidate.searches + 1, "paths": len(guides)}
-                return [*along, replace(candidate, solved=False, **further)]
-            known = self._coarse_results.get(guide.name)
+                # The last paths are searched for only if no way leads to a motion.
+                further = {"searches": count + 1, "solved": count < FIRST_SEARCHES}
+                return [*along, replace(candidate, paths=len(guides), **further)]
             if known is None or known.further is not None:
+                # Poses of a redundant arm slide: several ways may lead to one optimum, which is
+                # raised again only if nothing else leads to a motion.
+                if known and candidate.solved and self._is_settled(known):
+                    return [replace(candidate, solved=False)]
                 result = self._coarse(guide)
                 if result is None:
                     return []
-                coarse = {"level": result.level, "duration": result.duration}
-                # Poses of a redundant arm slide: several ways may lead to one optimum, which is
-                # raised again only if nothing else leads to a motion.
-                others = self._coarse_results.values()
-                settled = (o for o in others if o.further is None and o is not result)
-                coarse |= {"solved": not any(map(result.is_optimum_of, settled))}
+                solved = not self._is_settled(result)
+                coarse = {"level": result.level, "duration": result.duration, "solved": solved}
                 return [replace(candidate, **coarse)]
             front, proofs = self._search(guide).motions(known, front_of, most)
             if not front[0]:
@@ -332,6 +337,23 @@ class _OrderAmongObstacles:
         ways = [way for way, _ in self._legs.ways(self.task)]
         finished = best_first((_Guided(way, bound_of(self.task, way)) for way in ways), raised)
         return min(finished, key=lambda guided: guided.rank, default=None)
+
+    def _is_settled(self, result: CoarseResult) -> bool:
+        """Return True if another coarse answer is the same optimum and needs no further one."""
+        others = (o for o in self._coarse_results.values() if o is not result)
+        return any(other.further is None and result.is_optimum_of(other) for other in others)
+
+    def _expected(self, way: Way) -> float:
+        """Return the duration expected of further paths of a way, s; zero if it is unknown.
+
+        Paths of a way often lead to one optimum, so after a path that led to a known optimum the
+        further ones are expected to lead there.
+        """
+        tried = {guide.name: guide.way for guide in self._legs.guides(self.task)}
+        results = [(tried[name], result) for name, result in self._coarse_results.items()]
+        last = next((result for of, result in reversed(results) if of is way), None)
+        others = (other for _, other in results if other is not last)
+        return last.duration if last and any(map(last.is_optimum_of, others)) else 0.0
 
     def _branches(self, taken: Way) -> list[dict[str, Any]]:
         """Return the coarse duration of every way through the branches, the taken one first."""

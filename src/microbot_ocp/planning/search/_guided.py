@@ -123,15 +123,24 @@ class PairDistances:
         points allow. Pairs within ``near``, a share of the reach, enter with them: a motion that
         passes through a body is too near to almost all of its parts.
         """
-        come, _, apart = room_along(self.robot, self.scene, self.pairs, poses, self.tolerance)
+        come, least, apart = room_along(self.robot, self.scene, self.pairs, poses, self.tolerance)
         touching = apart <= self.scene.clearance + ACCURACY  # the least that can be proved
-        # The new distance is the one seen at the contact, or exceeds the old one by as much as the
-        # motion misses it, as far as via points allow.
-        more = np.minimum(self.most, np.maximum(come, 2.0 * self.room - come))
+        # The new distance is the one seen at the contact, and exceeds it by as much as the motion
+        # misses the old one, as far as via points allow.
+        missed = np.where(self.near, np.maximum(self.room - least, 0.0), 0.0)
+        more = np.minimum(self.most, np.maximum(come, self.room) + missed)
         room = np.where(touching, more, self.room)
         within = self.scene.clearance + near * reach_of(self.robot)
         is_near = self.near | (apart <= within) if touching.any() else self.near
         return replace(self, near=is_near, room=room), touching
+
+    def along_motion(self, poses: FloatArray) -> PairDistances:
+        """Return the requirements along a motion with poses [N,n]; pairs that touch keep theirs."""
+        room, room_left, apart = room_along(
+            self.robot, self.scene, self.pairs, poses, self.tolerance
+        )
+        touching = apart <= self.scene.clearance + ACCURACY
+        return replace(self, room=np.where(touching, self.room, np.minimum(room, room_left)))
 
     def exceeds(self, before: PairDistances) -> bool:
         """Return True if a pair is new or its required distance is larger."""
@@ -197,6 +206,14 @@ class RequiredDistances:
             touch = touch or bool(touching.any())
             left_out = left_out or bool((touching & ~before.near).any())
         return replace(self, distances=tuple(distances)), touch, left_out
+
+    def along_motion(self, poses: Sequence[FloatArray]) -> RequiredDistances:
+        """Return the requirements along a motion with poses [N,n] on every segment."""
+        parts = [
+            before.along_motion(_of_place(poses, self.places, k))
+            for k, before in enumerate(self.distances)
+        ]
+        return replace(self, distances=tuple(parts))
 
     def exceeds(self, before: RequiredDistances) -> bool:
         """Return True if a scene, a pair or a required distance is new."""
@@ -297,7 +314,8 @@ class GuidedSearch:
 
         A pair outside of the problem that comes too near is added on the same mesh. If one of the
         problem comes too near between mesh points, the number of intervals is doubled: constraints
-        at points alone let links pass through thin bars.
+        at points alone let links pass through thin bars. It is doubled, too, if the answer is
+        slower than its start: a coarse mesh cannot follow the short accelerations of a slow arm.
 
         Raises
         ------
@@ -310,12 +328,23 @@ class GuidedSearch:
         answer = best_of(search, result.state)
         if not answer.solved:
             return result
+        finest = explore_mesh(search) == full_mesh(search)
+        if answer.solution.duration > self._slowest and not finest:
+            return self.coarse_step(around, 2 * finer)
         poses = [poses_along(shape) for shape in phase_shapes(answer.solution)]
         more, touch, left_out = around.after(poses)
-        if not left_out and (not touch or explore_mesh(search) == full_mesh(search)):
+        if not left_out and (not touch or finest):
             return result
         self.request.progress(LARGER_DISTANCES)
         return replace(result, further=(more, finer if left_out else 2 * finer))
+
+    @property
+    def _slowest(self) -> float:
+        """Duration of the start, s; infinite if a motion may have to take longer."""
+        durations = [guess.duration or np.inf for guess in self.start.guesses.values()]
+        # Timings of paths leave out rates.
+        slower = self.request.duration is not None or self.task.family.jerk_matters
+        return np.inf if slower else sum(durations)
 
     def next_step(self, result: CoarseResult) -> CoarseResult:
         """Return the coarse answer of the next problem; the present one if that is not solved."""
@@ -341,6 +370,7 @@ class GuidedSearch:
         front: Front = [], ""
         proofs = list[Clearance | None]()
         with suppress(deadline.Over):
+            now = self._along_itself(now)
             known: tuple[Motion, Clearance] | None = None  # fastest motion that is proved clear
             for _ in range(MOST_REPEATS + 1):
                 answer: MotionAnswer | None = None
@@ -368,10 +398,26 @@ class GuidedSearch:
                     break
                 self.request.progress(LARGER_DISTANCES)
                 # A missing pair let the motion pass through a body: its neighbourhood is useless.
-                now = self._again(more, finer, None if left_out else answer)
+                again = None if left_out or answer is None else self._resumed(more, finer, answer)
+                now = again or self.settled(self.coarse_step(more, finer))
             if known:
                 front, proofs = ([(0.0, known[0])], ""), [known[1]]
         return front, proofs
+
+    def _along_itself(self, now: CoarseResult) -> CoarseResult:
+        """Return a coarse answer with the distances that its own motion requires.
+
+        Those that its path requires depend on the path: where capsules overlap, a limit follows
+        the links only near the pose in which they were measured.
+        """
+        around, finer = now.required
+        answer = best_of(now.search, now.state)
+        if not answer.solved:
+            return now
+        around = around.along_motion([poses_along(s) for s in phase_shapes(answer.solution)])
+        with suppress(deadline.Over):
+            return self._resumed(around, finer, answer) or now
+        return now
 
     def _fastest(
         self, now: CoarseResult
@@ -393,16 +439,23 @@ class GuidedSearch:
                 break
         return tried, best.answer
 
-    def _again(
-        self, around: RequiredDistances, finer: int, refused: MotionAnswer | None
-    ) -> CoarseResult:
-        """Return coarse answers under larger distances, from a refined answer or from the way."""
-        if refused is not None:
+    def _resumed(
+        self, around: RequiredDistances, finer: int, start: MotionAnswer
+    ) -> CoarseResult | None:
+        """Return an answer solved again under other distances, or None.
+
+        Poses of a redundant arm slide, so that further pairs may come too near.
+        """
+        left_out = True
+        while left_out:
             search = self._search(around, finer)
-            again = resumed(search, refused)
-            if again.solved:
-                return CoarseResult(search, SearchState((again,)), (around, finer))
-        return self.settled(self.coarse_step(around, finer))
+            again = resumed(search, start)
+            if not again.solved:
+                return None
+            result = CoarseResult(search, SearchState((again,)), (around, finer))
+            poses = [poses_along(shape) for shape in phase_shapes(again.solution)]
+            around, _, left_out = around.after(poses, NEAR)
+        return result
 
     def _search(self, around: RequiredDistances, finer: int) -> MotionSearch:
         with deadline.given_up():

@@ -172,7 +172,7 @@ def _same(finer: MotionAnswer, coarser: MotionAnswer) -> bool:
 
 @timed_step
 def resumed(search: MotionSearch, answer: MotionAnswer) -> MotionAnswer:
-    """Solve a refined answer again under more limits, on its own meshes."""
+    """Solve an answer again under other limits, on its own meshes."""
     weight = answer.smoothing
     kernels = _smoothed(search, search.refiner.transcription, weight)
     refiner = replace(search.refiner, transcription=kernels, history=[])
@@ -180,8 +180,11 @@ def resumed(search: MotionSearch, answer: MotionAnswer) -> MotionAnswer:
     first = replace(refiner, once=False)
     solution = first.solve(meshes, answer.solution, barrier=TIMED_PATH_BARRIER)
     search.progress(f"start {answer.start}: {solution.duration:.6f} s, {solution.status}")
-    given = {"before": answer, "solves": tuple(first.history), "step": FULL_MESH}
-    return MotionAnswer(answer.start, solution, refiner, weight, **given, level=Level.FULL)
+    found = {"solution": solution, "refiner": refiner}
+    if answer.level is Level.COARSE:  # still the answer of its start
+        return replace(answer, **found, solves=(*answer.solves, *first.history))
+    given = {"before": answer, "step": FULL_MESH, "level": Level.FULL}
+    return replace(answer, **found, solves=tuple(first.history), **given)
 
 
 def _smoothed(search: MotionSearch, kernels: Transcription, weight: float) -> Transcription:
