@@ -240,53 +240,79 @@ def export(
     $ microbot-ocp export best.npz best.csv --rate 100
     """
     check_output("TARGET", target, (*EXPORT_FORMATS, *FILM_FORMATS))
-    film = target.suffix in FILM_FORMATS
-    if film and profile is not None:
+    if target.suffix not in FILM_FORMATS:
+        return _rows(file, target, rate, robot, profile, task)
+    if profile is not None:
         raise InputError(f"--profile is for rows of a controller, not for films, {target.suffix}")
-    options: dict[str, Any] = {"rate": rate, "progress": progress}
-    if file.is_dir() and film:
-        from microbot_ocp.views.animation import animate_comparison
+    return _film(file, target, robot, task, {"rate": rate, "progress": progress})
 
+
+def _film(
+    file: Path, target: Path, robot: str | None, task: Path | None, options: dict[str, Any]
+) -> Answer:
+    """Return the answer of ``export`` to a film."""
+    from microbot_ocp.views.animation import animate_comparison, animate_motion
+
+    if file.is_dir():
         comparison = mo.load_comparison(file, robot)
         durations = {name: motion.duration for name, motion in comparison.motions.items()}
         document = {"robot": comparison.robot.name, "motions": durations}
-        save = partial(animate_comparison, comparison, **options)
-        return Answer(document, files={target: save})
+        return Answer(document, files={target: partial(animate_comparison, comparison, **options)})
     motion = Motion.load(file)
-    name = robot or motion.provenance.get("robot")
-    line = f"{motion.label}: {_lasting(motion)}"
-    if task is not None and not film and profile is None:
+    cell = _cell_of(motion, robot, task)
+    if cell is not None:
+        document = {"robot": cell.robot.name, "certified": cell.certificate.ok}
+        save = partial(cell.export, **options)
+    else:
+        arm = _robot_of(motion, str(file), robot)
+        document = {"robot": robot or motion.provenance.get("robot"), "samples": motion.t.size}
+        save = partial(animate_motion, arm, motion, **options)
+    return Answer(document, lines=[_labelled(motion)], files={target: save})
+
+
+def _rows(
+    file: Path,
+    target: Path,
+    rate: float | None,
+    robot: str | None,
+    profile: str | None,
+    task: Path | None,
+) -> Answer:
+    """Return the answer of ``export`` to a file of samples."""
+    motion = Motion.load(file)
+    if task is not None and profile is None:
         films = " and ".join(FILM_FORMATS)
         raise InputError(f"--task is for films, {films}, or a profile, not {target.suffix} alone")
+    cell = _cell_of(motion, robot, task)
+    name, arm = robot or motion.provenance.get("robot"), None
+    if cell is not None:
+        arm, name = cell.robot, cell.robot.name
+    elif robot is not None or profile is not None or name in packaged_robots():
+        arm = _robot_of(motion, str(file), robot)
+    document: dict[str, Any] = {"robot": None if arm is None else name}
+    line = _labelled(motion)
+    if profile is None:
+        sampled = motion if rate is None else motion.resample(rate, arm)
+        save = partial(sampled.export, robot=arm)
+    else:
+        assert arm is not None
+        if rate is not None:
+            raise InputError("give --rate or --profile, not both: a profile has a rate")
+        command = mo.execution.commanded(arm, motion, profile, **stops_of(cell))
+        sampled, save = command.rows, partial(command.export, robot=arm)
+        document |= {"profile": profile, "cost": command.cost}
+        line += f", {1e3 * command.cost:.1f} ms longer by {command.profile.name}"
+    document["samples"] = sampled.t.size
+    return Answer(document, lines=[f"{line}, {sampled.t.size} samples"], files={target: save})
+
+
+def _labelled(motion: Motion) -> str:
+    return f"{motion.label}: {_lasting(motion)}"
+
+
+def _cell_of(motion: Motion, robot: str | None, task: Path | None) -> Any:
+    """Return the cell of a task with a motion in it, or None without a task."""
     cell = None if task is None else read_cell(task).certified(motion)
     if cell and robot and mo.load_robot(robot).chain_digest != cell.robot.chain_digest:
         raise InputError(f"give --robot or --task, not both: the task's is {cell.robot.name!r}")
-    if cell is not None and film:
-        document = {"robot": cell.robot.name, "certified": cell.certificate.ok}
-        save = partial(cell.export, **options)
-    elif film:
-        from microbot_ocp.views.animation import animate_motion
-
-        arm = _robot_of(motion, str(file), robot)
-        document = {"robot": name, "samples": motion.t.size}
-        save = partial(animate_motion, arm, motion, **options)
-    else:
-        named = robot is not None or profile is not None or name in packaged_robots()
-        if cell is not None:
-            arm, name, named = cell.robot, cell.robot.name, True
-        else:
-            arm = _robot_of(motion, str(file), robot) if named else None
-        sampled = motion if rate is None or profile else motion.resample(rate, arm)
-        document = {"robot": name if named else None, "samples": sampled.t.size}
-        save = partial(sampled.export, robot=arm)
-        if profile is not None:
-            assert arm is not None
-            if rate is not None:
-                raise InputError("give --rate or --profile, not both: a profile has a rate")
-            command = mo.execution.commanded(arm, motion, profile, **stops_of(cell))
-            sampled = command.rows
-            document |= {"samples": sampled.t.size, "profile": profile, "cost": command.cost}
-            save = partial(command.export, robot=arm)
-            line += f", {1e3 * command.cost:.1f} ms longer by {command.profile.name}"
-        line += f", {sampled.t.size} samples"
-    return Answer(document, lines=[line], files={target: save})
+    return cell
