@@ -373,9 +373,9 @@ def test_a_fit_in_many_phases_is_solved_in_bounded_work():
     """Twenty phases of 23 linked states: 460 equations of 19,000 variables depend on few each."""
     marine = BY_NAME["marine_population_in_phases"]
     assert marine.guess is not None
-    began = deadline.worked()
-    solution = solve(marine.build(), guess=marine.guess())
-    assert deadline.worked() - began < 45.0
+    solution = solve(marine.build(), guess=marine.guess(), time_limit=300.0)
+    spent = {row.strategy: row.seconds for row in solution.ledger}
+    assert sum(spent.values()) < 9.0 * spent["as given"]  # on a machine of any speed
     assert solution.status.solved
     assert marine.error(solution.cost) < 1e-5
 
