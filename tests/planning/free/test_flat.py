@@ -241,10 +241,14 @@ def test_with_dry_friction_its_optimum_is_that_of_the_program_with_states(limits
     numbers = {name: {WINDOW: 0.02, SMOOTHING: 0.1} for name in phase_names(2)}
     stated = transcription(robot, via.tobytes(), len(via), False).with_parameters(numbers)
     flat, guess = flat_of(robot, via).with_parameters(numbers), guess_of(robot, via)
-    with_states, without = (solve_on(form, 20, guess, TIGHT) for form in (stated, flat))
-    assert with_states.status.solved
-    assert without.status.solved
-    assert without.cost == pytest.approx(with_states.cost, rel=within)
+    # The last bits of a start may decide between two optima.
+    slower = {name: replace(g, duration=1.05 * g.duration) for name, g in guess.items()}
+    best = list[float]()
+    for form in (stated, flat):
+        solutions = [solve_on(form, 20, start, TIGHT) for start in (guess, slower)]
+        assert all(solution.status.solved for solution in solutions)
+        best.append(min(solution.cost for solution in solutions))
+    assert best[1] == pytest.approx(best[0], rel=within)
 
 
 def test_a_guess_far_beyond_the_limits_is_slowed_down():
