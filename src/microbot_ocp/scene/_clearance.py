@@ -20,7 +20,7 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.motion import Motion, pieces_of
 from microbot_ocp.robot import Capsule, Robot, dh_transform
-from microbot_ocp.scene._contact import contact_model
+from microbot_ocp.scene._contact import contact_model, parting
 from microbot_ocp.scene._pairs import ACCURACY
 from microbot_ocp.scene._scene import Pair, Scene, with_arm_capsules
 
@@ -207,17 +207,19 @@ class _ClearanceSearch:
     def _distances(self, times: FloatArray, pair: np.ndarray) -> FloatArray:
         """Return the distances of pairs at times, m; only those below the minimum are exact."""
         different, which = np.unique(times, return_inverse=True)
-        poses = self.model.poses(self.motion.sample(different).q)
-        # Sorting by time sets every pose of the arm once.
-        order = np.argsort(which, kind="stable")
-        distances, current = np.empty(times.size), -1
-        for item in order.tolist():
-            if which[item] != current:
-                current = int(which[item])
-                self.model.put(poses[current])
-            distances[item] = apart = self.model.distance(int(pair[item]), self.minimum)
+        q = self.motion.sample(different).q
+        moves, row_of, bodies = self.model.motions
+        poses, motions = moves(q, np.zeros_like(q))
+        at_rest = np.zeros((times.size, 2)), 0.0
+        distances = parting()(motions[which, row_of[pair]], bodies[pair], *at_rest)[:, 0]
+        # The likeliest minimum comes first: bounds above a known distance need no exact geometry.
+        for item in np.argsort(distances, kind="stable").tolist():
+            if distances[item] > self.minimum:
+                break
+            index, links = int(pair[item]), poses[which[item]]
+            distances[item] = apart = self.model.exact(index, links, self.minimum)
             if apart < self.minimum:
-                self.minimum, self.time, self.pair = apart, float(times[item]), int(pair[item])
+                self.minimum, self.time, self.pair = apart, float(times[item]), index
         return distances
 
     def _reach(self, start: FloatArray, end: FloatArray, pair: np.ndarray) -> FloatArray:
