@@ -21,8 +21,13 @@ from microbot_ocp.planning.search._queue import Level, best_first
 from microbot_ocp.planning.search._refinement import search_of
 from microbot_ocp.planning.search._result import LEFT_OUT, fastest, motion_from
 from microbot_ocp.planning.search._starts import compare_starts, segment_timings
-from microbot_ocp.planning.search._through_stops import SolveRequest, fastest_through, problem_of
-from microbot_ocp.planning.task import Segment, Task, one_remark
+from microbot_ocp.planning.search._through_stops import (
+    SolveRequest,
+    fastest_through,
+    in_time,
+    problem_of,
+)
+from microbot_ocp.planning.task import CELL_TIME_LIMIT, Segment, Task, one_remark
 
 MOST_ORDERED = 7  # largest number of stops in free order: 5040 orders
 OPTIMISTIC_SHARE = (
@@ -58,7 +63,9 @@ def solve_stops(request: SolveRequest) -> Motion:
     """Solve a task with stops, as :func:`microbot_ocp.time_optimal` does."""
     if request.order == "given":
         return fastest_through(request.task(), request.settings, request.progress, request.duration)
-    return best_order(request, tasks_in_orders(request), partial(_OrderWithoutObstacles, request))
+    tasks = tasks_in_orders(request)
+    search = partial(best_order, request, tasks, partial(_OrderWithoutObstacles, request))
+    return in_time(search, request.settings, CELL_TIME_LIMIT)
 
 
 def tasks_in_orders(request: SolveRequest) -> dict[Places, Task]:

@@ -6,7 +6,7 @@ Via points are stops that are passed at any velocity.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,7 +14,8 @@ import numpy as np
 
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import InputError
-from microbot_ocp._base.outcome import Outcome
+from microbot_ocp._base.outcome import Outcome, remark
+from microbot_ocp._base.status import Status
 from microbot_ocp.limits import JointLimits, Limits
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import StepProgress
@@ -114,18 +115,31 @@ def fastest_through(
             raise InputError("give a duration or a slack for less effort, not both")
     begin = time.perf_counter()
     problem = problem_of(task, settings, duration)
-    with settings.within(usual):
+    given = min(usual if settings.time_limit is None else settings.time_limit, deadline.left())
+
+    def found() -> Motion:
         # Under a short limit the known motion comes first, so that there is something to return.
-        if deadline.left() < usual / 2 and duration is None:
-            problem = replace(problem, way=problem.fallback)
+        is_short = given < usual and duration is None
+        tried = replace(problem, way=problem.fallback) if is_short else problem
         try:
-            with reserving(), deadline.given_up(problem.way is not None):
-                search = search_of(problem, progress)
+            with reserving(), deadline.given_up(tried.way is not None):
+                search = search_of(tried, progress)
         except deadline.Over:
-            assert problem.way is not None
-            return _without_search(problem.way, time.perf_counter() - begin)
+            assert tried.way is not None
+            return _without_search(tried.way, time.perf_counter() - begin)
         motion = motion_from(fastest(search, duration=duration))
         return with_drives_noted(task.robot, motion)
+
+    return in_time(found, settings, usual)
+
+
+def in_time(search: Callable[[], Motion], settings: TimeOptimalSettings, usual: float) -> Motion:
+    """Return the motion of a search, which says so if a busy machine ended it."""
+    with settings.within(usual) as begin:
+        motion = search()
+        if motion.status is Status.TIME_LIMIT and begin.busy:
+            motion = replace(motion, outcome=motion.outcome.and_(remark(begin.busy)))
+    return motion
 
 
 def problem_of(

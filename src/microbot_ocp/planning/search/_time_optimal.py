@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any, cast
 
@@ -12,15 +11,13 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
-from microbot_ocp._base.outcome import remark
-from microbot_ocp._base.status import Status
 from microbot_ocp.limits import JointLimits, Limits, with_reserve
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp.solution import StepProgress, quiet
 from microbot_ocp.planning.search._among_obstacles import stops_among
 from microbot_ocp.planning.search._orders import solve_stops
 from microbot_ocp.planning.search._settings import TimeOptimalSettings
-from microbot_ocp.planning.search._through_stops import SolveRequest, fastest_through
+from microbot_ocp.planning.search._through_stops import SolveRequest, fastest_through, in_time
 from microbot_ocp.planning.task import (
     CELL_TIME_LIMIT,
     TIME_LIMIT,
@@ -151,8 +148,7 @@ def time_optimal(
         via = check_via(family, cast("ArrayLike", via_q))
         task = Task.through(family, via)
         if scene is None:
-            through = partial(fastest_through, task, chosen, report, usual=TIME_LIMIT)
-            return _in_time(through, chosen, TIME_LIMIT)
+            return fastest_through(task, chosen, report, usual=TIME_LIMIT)
         via_q = task.stops
     if not isinstance(via_q, Sequence) and np.ndim(cast("Any", via_q)) == 0:
         raise InputError(f"via_q must be stops or poses, not {checks.shown(via_q)}")
@@ -160,14 +156,7 @@ def time_optimal(
     request = SolveRequest(
         robot, limits, stops, segments, cycle, chosen, report, order, duration, scene
     )
-    search = partial(solve_stops if scene is None else stops_among, request)
-    return with_drives_noted(robot, _in_time(search, chosen, CELL_TIME_LIMIT), limits)
-
-
-def _in_time(search: Callable[[], Motion], settings: TimeOptimalSettings, usual: float) -> Motion:
-    """Return the motion of a search, which says so if a busy machine ended it."""
-    with settings.within(usual) as begin:
-        motion = search()
-        if motion.status is Status.TIME_LIMIT and begin.busy:
-            motion = replace(motion, outcome=motion.outcome.and_(remark(begin.busy)))
-    return motion
+    if scene is None:
+        return with_drives_noted(robot, solve_stops(request), limits)
+    motion = in_time(partial(stops_among, request), chosen, CELL_TIME_LIMIT)
+    return with_drives_noted(robot, motion, limits)
