@@ -223,7 +223,7 @@ def measured(
     task = via if makers else curobo.pose_goal(robot, via)
     watch = curobo.Stopwatch()
     try:
-        with deadline.within(deadline.WALL_FACTOR * limit, work=limit):
+        with deadline.of_work(limit):
             motion = mo.time_optimal(robot, task, scene=scene, progress=None if makers else watch)
     except mo.InputError as problem:
         return row | {"outcome": "refused", "why": str(problem), "processor": watch.spent}

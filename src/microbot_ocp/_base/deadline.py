@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
 
 import numpy as np
@@ -23,7 +23,7 @@ _given_up: ContextVar[bool] = ContextVar("given_up", default=False)
 
 
 WALL_FACTOR = 10.0  # wall time limit relative to the work limit, for a busy machine
-BUSY = "It ended at the wall time of {:.0f} s, of which it had the processor for {:.0f} s."
+BUSY = "It ended at the wall time of {:.3g} s, of which it had the processor for {:.3g} s."
 
 
 class Over(Exception):
@@ -64,6 +64,18 @@ def within(time_limit: float, work: float = np.inf) -> Iterator[Begin]:
     finally:
         _until.reset(token)
         _worked.reset(limit)
+
+
+def of_work(work: float, time_limit: float = np.inf) -> AbstractContextManager[Begin]:
+    """Limit the work, s, and the wall time to ten times as much, or to ``time_limit``, s, if less.
+
+    Raises
+    ------
+    InputError
+        ``work`` is no positive number.
+    """
+    seconds = checks.time_limit(work)
+    return within(min(WALL_FACTOR * seconds, time_limit), seconds)
 
 
 def until() -> float:

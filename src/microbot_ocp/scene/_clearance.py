@@ -20,7 +20,7 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.motion import Motion, pieces_of
 from microbot_ocp.robot import Capsule, Robot, dh_transform
-from microbot_ocp.scene._contact import contact_model, parting
+from microbot_ocp.scene._contact import contact_model
 from microbot_ocp.scene._pairs import ACCURACY
 from microbot_ocp.scene._scene import Pair, Scene, with_arm_capsules
 
@@ -208,10 +208,8 @@ class _ClearanceSearch:
         """Return the distances of pairs at times, m; only those below the minimum are exact."""
         different, which = np.unique(times, return_inverse=True)
         q = self.motion.sample(different).q
-        moves, row_of, bodies = self.model.motions
-        poses, motions = moves(q, np.zeros_like(q))
-        at_rest = np.zeros((times.size, 2)), 0.0
-        distances = parting()(motions[which, row_of[pair]], bodies[pair], *at_rest)[:, 0]
+        at_rest = np.zeros_like(q), which, pair, np.zeros((times.size, 2)), 0.0
+        poses, (distances, *_) = self.model.parted(q, *at_rest)
         # The likeliest minimum comes first: bounds above a known distance need no exact geometry.
         for item in np.argsort(distances, kind="stable").tolist():
             if distances[item] > self.minimum:

@@ -121,6 +121,22 @@ class ContactModel:
         function = deferred_call(_motions(self._robot, tuple(row_of)))
         return function, np.array([row_of[axis] for axis in axes]), np.array(others)
 
+    def parted(
+        self,
+        q: FloatArray,
+        slopes: FloatArray,
+        pose: np.ndarray,
+        pair: np.ndarray,
+        rates: FloatArray,
+        half: float,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the poses of the links in poses q [N,n] that move by slopes [N,n], and [3,K] of
+        ``parting`` for K combinations of pose and pair, whose points move by ``rates`` [K,2].
+        """
+        function, row_of, bodies = self.motions
+        links, motions = function(q, slopes)
+        return links, parting()(motions[pose, row_of[pair]], bodies[pair], rates, half).T
+
     def put(self, poses: FloatArray) -> None:
         """Set the moving bodies to their poses [k,4,4]."""
         for moving, turn, shift in zip(

@@ -22,7 +22,7 @@ from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene._clearance import levers_of
-from microbot_ocp.scene._contact import ContactModel, Nearest, contact_model, parting
+from microbot_ocp.scene._contact import ContactModel, Nearest, contact_model
 from microbot_ocp.scene._pairs import ACCURACY
 from microbot_ocp.scene._scene import Scene, with_arm_capsules
 
@@ -81,7 +81,7 @@ class Surroundings:
         self.least, self.checks = scene.clearance + ACCURACY, 0
         farthest = np.abs(robot.limits.bounds("q")).max(axis=0)
         farthest = np.where(np.isfinite(farthest), farthest, 2 * np.pi)
-        self._moves, self._row_of, self._bodies = self.model.motions
+        self._row_of = self.model.motions[1]
         arm, firsts = self.robot, np.unique(self._row_of, return_index=True)[1]
         sizes = np.abs(arm.transmission)
         farthest = sizes @ farthest + np.abs(arm.chain_positions(np.zeros(arm.joint_count)))
@@ -124,17 +124,17 @@ class Surroundings:
         its middle exceed the largest approach within it; the proof fails if the approach is below
         the accuracy of distances.
         """
-        half, powers, row_of = 0.5 * length, np.arange(len(curve)), self._row_of
+        half, powers = 0.5 * length, np.arange(len(curve))
         slope = curve[1:] * powers[1:, None]
         rates = self.rates(slopes, bends)
-        middles, pairs = np.array([half]), np.arange(len(row_of))
+        middles, pairs = np.array([half]), np.arange(len(self._row_of))
         which = np.zeros(len(pairs), dtype=int)
         while len(middles):
             self.checks += len(middles)
             terms = middles[:, None] ** powers
-            poses, motions = self._moves(terms @ curve, terms[:, :-1] @ slope)
-            motions = motions[which, row_of[pairs]]
-            now, least, approach = parting()(motions, self._bodies[pairs], rates[pairs], half).T
+            moving = terms @ curve, terms[:, :-1] @ slope
+            poses, bounds = self.model.parted(*moving, which, pairs, rates[pairs], half)
+            now, least, approach = bounds
             unsure = least <= self.least
             # Exact geometry decides where capsules touch, the likeliest collision first.
             near = np.flatnonzero(now <= self.least)

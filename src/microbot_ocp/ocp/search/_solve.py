@@ -154,10 +154,8 @@ def solve(
     ('solved', 2.0)
     """
     goal, settings = _with_accuracy(accuracy, settings or SolverSettings())
-    seconds = checks.time_limit(time_limit)
-    wall = min(deadline.WALL_FACTOR * seconds, settings.time_limit)
     how = mesh, guess, settings, scheme, cast("Progress | None", progress), goal
-    with deadline.within(wall, seconds) as begin:
+    with deadline.of_work(time_limit, settings.time_limit) as begin:
         best = _searched(SolveTask(problem, *how))
         if best.status not in ENDED and begin.busy:
             best = best.remarked(begin.busy)

@@ -349,11 +349,10 @@ class _OrderAmongObstacles:
         Paths of a way often lead to one optimum, so after a path that led to a known optimum the
         further ones are expected to lead there.
         """
-        tried = {guide.name: guide.way for guide in self._legs.guides(self.task)}
-        results = [(tried[name], result) for name, result in self._coarse_results.items()]
-        last = next((result for of, result in reversed(results) if of is way), None)
-        others = (other for _, other in results if other is not last)
-        return last.duration if last and any(map(last.is_optimum_of, others)) else 0.0
+        results = self._coarse_results
+        tried = [result for name, result in results.items() if self._searches[name].way is way]
+        others = (other for other in results.values() if other is not tried[-1])
+        return tried[-1].duration if tried and any(map(tried[-1].is_optimum_of, others)) else 0.0
 
     def _branches(self, taken: Way) -> list[dict[str, Any]]:
         """Return the coarse duration of every way through the branches, the taken one first."""

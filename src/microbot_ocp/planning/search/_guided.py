@@ -257,10 +257,14 @@ class CoarseResult:
         return answer.solution.duration if answer.solved else np.inf
 
     @property
+    def is_finest(self) -> bool:
+        """True on a full mesh."""
+        return explore_mesh(self.search) == full_mesh(self.search)
+
+    @property
     def level(self) -> Level:
         """Accuracy of the duration: each finer mesh gains less than the one before."""
-        mesh = explore_mesh(self.search)
-        if mesh == full_mesh(self.search):
+        if self.is_finest:
             return Level.SPLIT
         return Level.COARSE if self.search.problem.finer == 1 else Level.FULL
 
@@ -328,12 +332,10 @@ class GuidedSearch:
         answer = best_of(search, result.state)
         if not answer.solved:
             return result
-        finest = explore_mesh(search) == full_mesh(search)
-        if answer.solution.duration > self._slowest and not finest:
+        if answer.solution.duration > self._slowest and not result.is_finest:
             return self.coarse_step(around, 2 * finer)
-        poses = [poses_along(shape) for shape in phase_shapes(answer.solution)]
-        more, touch, left_out = around.after(poses)
-        if not left_out and (not touch or finest):
+        more, touch, left_out = around.after(_poses_of(answer))
+        if not left_out and (not touch or result.is_finest):
             return result
         self.request.progress(LARGER_DISTANCES)
         return replace(result, further=(more, finer if left_out else 2 * finer))
@@ -414,7 +416,7 @@ class GuidedSearch:
         answer = best_of(now.search, now.state)
         if not answer.solved:
             return now
-        around = around.along_motion([poses_along(s) for s in phase_shapes(answer.solution)])
+        around = around.along_motion(_poses_of(answer))
         with suppress(deadline.Over):
             return self._resumed(around, finer, answer) or now
         return now
@@ -453,8 +455,7 @@ class GuidedSearch:
             if not again.solved:
                 return None
             result = CoarseResult(search, SearchState((again,)), (around, finer))
-            poses = [poses_along(shape) for shape in phase_shapes(again.solution)]
-            around, _, left_out = around.after(poses, NEAR)
+            around, _, left_out = around.after(_poses_of(again), NEAR)
         return result
 
     def _search(self, around: RequiredDistances, finer: int) -> MotionSearch:
@@ -516,6 +517,11 @@ def _duration(proved: tuple[Motion, Clearance]) -> float:
 def is_clear(proof: Clearance | None) -> TypeGuard[Clearance]:
     """Return True if a motion is proved to keep clear."""
     return proof is not None and proof.proved
+
+
+def _poses_of(answer: MotionAnswer) -> list[FloatArray]:
+    """Return poses [N,n] along every segment of an answer."""
+    return [poses_along(shape) for shape in phase_shapes(answer.solution)]
 
 
 def poses_along(

@@ -90,7 +90,7 @@ class TimeOptimalSettings:
     def within(self, usual: float) -> AbstractContextManager[deadline.Begin]:
         """Return a context that ends at the time limit, or by default after ``usual`` s of work."""
         if self.time_limit is None:
-            return deadline.within(deadline.WALL_FACTOR * usual, work=usual)
+            return deadline.of_work(usual)
         return deadline.within(self.time_limit)
 
 
