@@ -57,6 +57,16 @@ def test_a_mesh_that_is_too_coarse_for_the_dynamics_is_no_success():
 
 
 @pytest.mark.thorough
+@pytest.mark.slow
+def test_controls_that_are_constant_do_not_replace_a_far_cheaper_answer():
+    reactor = BY_NAME["kinetic_batch_reactor"]
+    assert reactor.guess is not None
+    solution = solve(reactor.build(), guess=reactor.guess(), time_limit=300.0)
+    assert solution.solved, solution.advice
+    assert reactor.error(solution.cost) < 1e-4
+
+
+@pytest.mark.thorough
 @pytest.mark.parametrize("accuracy", [None, 1e-6])
 def test_what_never_returned_is_solved_by_default(accuracy):
     solution = solve(hypersensitive(), accuracy=accuracy)
