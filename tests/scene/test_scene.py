@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -284,6 +285,28 @@ def test_more_may_be_asked_of_a_pair_than_the_path_has(around, monkeypatch) -> N
 
     monkeypatch.setattr(guided, "room_along", overlapping_on_the_path)
     check_solved_again(around)
+
+
+def test_links_that_overlap_are_asked_to_leave_what_is_spared() -> None:
+    through = mo.cubic(ENDS, [0, 1])(np.linspace(0, 1, 50))
+    pairs = POST.pairs(ARM)
+    usual, most, _ = room_along(ARM, POST, pairs, through, 1e-3)
+    room, _, _ = room_along(ARM, POST, pairs, through, 1e-3, 0.01)
+    assert (most < 0.0).any()
+    # The capsules are the links, so a required distance is that of the links.
+    np.testing.assert_allclose(room[most < 0.0], 0.01, atol=1e-6)
+    np.testing.assert_allclose(room[most >= 0.0], usual[most >= 0.0])
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "same"),
+    [(1.3, 1.3005, True), (1.3, 1.31, False), (1.3, np.inf, False), (np.inf, np.inf, False)],
+)
+def test_ways_that_are_not_solved_are_no_known_optimum(monkeypatch, one, other, same) -> None:
+    monkeypatch.setattr(guided, "explore_mesh", lambda search: 20)
+    first, second = (SimpleNamespace(search=None, duration=time) for time in (one, other))
+    assert guided.CoarseResult.is_optimum_of(first, second) is same  # type: ignore[arg-type]
+    assert guided.CoarseResult.is_optimum_of(second, first) is same  # type: ignore[arg-type]
 
 
 @pytest.mark.thorough

@@ -447,11 +447,17 @@ def guiding_pairs(robot: Robot, scene: Scene) -> tuple[Pair, ...]:
 
 
 def room_along(
-    robot: Robot, scene: Scene, pairs: Sequence[Pair], q: FloatArray, tolerance: float
+    robot: Robot,
+    scene: Scene,
+    pairs: Sequence[Pair],
+    q: FloatArray,
+    tolerance: float,
+    spare: float | None = None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the distances that a limit may require of pairs along known poses q [N,n], m.
 
-    ``tolerance`` is the fraction of a distance by which a solver may miss it.
+    ``tolerance`` is the fraction of a distance by which a solver may miss it. ``spare`` is the
+    distance to be left between links whose capsules overlap, m, even if the poses come nearer.
 
     Returns
     -------
@@ -485,6 +491,7 @@ def room_along(
         there = [k for k in columns if near[place, k] <= scene.clearance]
         beyond, allowance = least - scene.clearance, 2.0 * left_open
         allowance = min(allowance, 0.5 * beyond) if beyond > 0.0 else allowance
+        allowance = allowance if spare is None else spare
         room[there] = near[place, there] - least + allowance
     return room, most, apart
 

@@ -33,7 +33,7 @@ WORSE = 1e-3  # accepted increase of the cost on a finer mesh, relative
 
 # Barrier parameter of warm starts; IPOPT's default of 0.1 would move a good guess far away
 WARM_BARRIER = 1e-4
-STUBBORN = 6  # meshes without halving the least excess after which refinement ends
+STUBBORN = 6  # usual number of meshes without halving the least excess
 GROSS = 1.0  # excess above which a solution satisfies its equations only within their tolerance
 POLISHED = 0.1  # fraction of the wanted gap below which no polishing is needed
 POLISHING_ITERATIONS = 60  # limit of the polishing solve
@@ -76,6 +76,8 @@ class Refiner:
         Function that sets parameters of the kernels for a mesh and a start.
     once : bool
         True to give up a mesh after the first failed start.
+    stubborn : int
+        Number of meshes without halving the least excess after which refinement ends.
     enough : callable, optional
         Function of a solution that exceeds constraints; True ends its refinement.
     """
@@ -93,6 +95,7 @@ class Refiner:
     foresight: float = 1.0
     fitted: Fitted | None = None
     once: bool = False
+    stubborn: int = STUBBORN
     enough: Callable[[Solution], bool] | None = None
     history: list[dict[str, Any]] = field(default_factory=list)
 
@@ -224,16 +227,21 @@ class Refiner:
         return after.cost - before.cost <= more * abs(before.cost)
 
     def refine(
-        self, solution: Solution, switching: Switching | None = None, *, worth: float = 0.0
+        self,
+        solution: Solution,
+        switching: Switching | None = None,
+        *,
+        worth: float = 0.0,
+        most: float = np.inf,
     ) -> Solution:
         """Split intervals until no constraint exceeds its limit between mesh points.
 
         Intervals in which a control switches are split too, as long as a mesh lowers the cost by
-        more than ``worth``, relative.
+        more than ``worth``, relative, on the first ``most`` meshes.
         """
         return self._refined(
             solution,
-            partial(self._exceeded, switching, worth),
+            partial(self._exceeded, switching, worth, most),
             self._split_where_exceeded,
             lambda before, after: after is not before,
             self._keeps_limits,
@@ -281,12 +289,17 @@ class Refiner:
         return last.solution
 
     def _exceeded(
-        self, switching: Switching | None, worth: float, rounds: _Rounds, solution: Solution
+        self,
+        switching: Switching | None,
+        worth: float,
+        most: float,
+        rounds: _Rounds,
+        solution: Solution,
     ) -> _MeshExcess:
         worst = self.history[-1]["excess"] = self._worst(solution)
         self.progress(f"largest excess of a limit between mesh points: {100 * worst:.3g} %")
         gained = rounds[-1].solution.cost - solution.cost if rounds else np.inf
-        sharp = gained > worth * abs(solution.cost)
+        sharp = gained > worth * abs(solution.cost) and len(rounds) < most
         switches = switching(solution) if switching and sharp else []
         return _MeshExcess(self.excess(solution), switches, worst)
 
@@ -305,7 +318,8 @@ class Refiner:
         within = measure.worst <= self.limit_tolerance
         if (within and not measure.switched) or self._is_enough(rounds[-1].solution):
             return Status.SOLVED
-        stubborn = _meshes_without_progress([each.measure.worst for each in rounds]) >= STUBBORN
+        idle = _meshes_without_progress([each.measure.worst for each in rounds])
+        stubborn = idle >= self.stubborn
         return Status.NO_PROGRESS if stubborn and not within else None
 
     def _is_enough(self, solution: Solution) -> bool:

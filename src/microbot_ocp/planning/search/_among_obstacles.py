@@ -56,7 +56,7 @@ from microbot_ocp.planning.search._orders import (
 from microbot_ocp.planning.search._queue import Level, best_first
 from microbot_ocp.planning.search._result import (
     LEFT_OUT,
-    is_late,
+    is_accepted,
     remark_of_branches,
     row_of_way,
     taken_first,
@@ -178,6 +178,7 @@ class _OrderAmongObstacles:
         legs.search([task])
         self._searches: dict[str, GuidedSearch] = {}
         self._coarse_results: dict[str, CoarseResult] = {}
+        self._history: list[CoarseResult] = []
 
     @cached_property
     def _timed(self) -> list[GuidedWay]:
@@ -237,6 +238,7 @@ class _OrderAmongObstacles:
             search = self._search(guide)
             step = search.coarse_step() if known is None else search.next_step(known)
             self._coarse_results[guide.name] = step
+            self._history.append(step)
             return step
         return None
 
@@ -330,7 +332,7 @@ class _OrderAmongObstacles:
             if not front[0]:
                 return []
             motion, proof = front[0][0][1], proofs[0]
-            solved = (motion.solved or is_late(motion)) and is_clear(proof)
+            solved = is_accepted(motion) and is_clear(proof)
             given = {"duration": motion.duration, "solved": solved, "front": front}
             return [replace(candidate, level=Level.FINISHED, proofs=proofs, **given)]
 
@@ -339,9 +341,15 @@ class _OrderAmongObstacles:
         return min(finished, key=lambda guided: guided.rank, default=None)
 
     def _is_settled(self, result: CoarseResult) -> bool:
-        """Return True if another coarse answer is the same optimum and needs no further one."""
-        others = (o for o in self._coarse_results.values() if o is not result)
-        return any(other.further is None and result.is_optimum_of(other) for other in others)
+        """Return True if another coarse answer is the same optimum and needs no further one.
+
+        Of answers that only need a finer mesh the earliest one is refined.
+        """
+        known = [other for other in self._history if other.further is None]
+        if result.further is not None:
+            earlier = self._history[: self._history.index(result)]
+            known += [other for other in earlier if other.only_refines]
+        return any(other is not result and result.is_optimum_of(other) for other in known)
 
     def _expected(self, way: Way) -> float:
         """Return the duration expected of further paths of a way, s; zero if it is unknown.

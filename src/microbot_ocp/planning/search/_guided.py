@@ -25,9 +25,9 @@ from microbot_ocp.planning.free import InitialGuess, excess_along, phase_shapes
 from microbot_ocp.planning.search._branches import Way
 from microbot_ocp.planning.search._queue import Level
 from microbot_ocp.planning.search._refinement import best_of, resumed, search_of
-from microbot_ocp.planning.search._result import fastest, is_late, motion_from
+from microbot_ocp.planning.search._result import fastest, is_accepted, motion_from
 from microbot_ocp.planning.search._search import MotionAnswer, MotionSearch, SearchState
-from microbot_ocp.planning.search._settings import LEAST_GAIN, SAME_OPTIMUM
+from microbot_ocp.planning.search._settings import SAME_OPTIMUM
 from microbot_ocp.planning.search._starts import explore, explore_mesh, full_mesh
 from microbot_ocp.planning.search._stop_motion import (
     motion_of,
@@ -54,6 +54,9 @@ from microbot_ocp.scene import (
 
 # Distance beyond the clearance from which a pair enters the problem, share of the reach
 NEAR = 0.01
+# Distance left between links whose capsules overlap, share of the reach: on the first meshes links
+# come nearer between mesh points by about as much
+SPARE = 5e-4
 MOST_REPEATS = 3  # solves with more pairs or larger distances
 SAMPLES = 200  # poses along a segment at which pairs are evaluated
 LARGER_DISTANCES = "links come too near: solved again with larger required distances"
@@ -123,7 +126,7 @@ class PairDistances:
         points allow. Pairs within ``near``, a share of the reach, enter with them: a motion that
         passes through a body is too near to almost all of its parts.
         """
-        come, least, apart = room_along(self.robot, self.scene, self.pairs, poses, self.tolerance)
+        come, least, apart = self._along(poses)
         touching = apart <= self.scene.clearance + ACCURACY  # the least that can be proved
         # The new distance is the one seen at the contact, and exceeds it by as much as the motion
         # misses the old one, as far as via points allow.
@@ -136,11 +139,13 @@ class PairDistances:
 
     def along_motion(self, poses: FloatArray) -> PairDistances:
         """Return the requirements along a motion with poses [N,n]; pairs that touch keep theirs."""
-        room, room_left, apart = room_along(
-            self.robot, self.scene, self.pairs, poses, self.tolerance
-        )
+        room, _, apart = self._along(poses)
         touching = apart <= self.scene.clearance + ACCURACY
-        return replace(self, room=np.where(touching, self.room, np.minimum(room, room_left)))
+        return replace(self, room=np.where(touching, self.room, np.minimum(room, self.most)))
+
+    def _along(self, poses: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        spare = SPARE * reach_of(self.robot)
+        return room_along(self.robot, self.scene, self.pairs, poses, self.tolerance, spare)
 
     def exceeds(self, before: PairDistances) -> bool:
         """Return True if a pair is new or its required distance is larger."""
@@ -257,6 +262,11 @@ class CoarseResult:
         return answer.solution.duration if answer.solved else np.inf
 
     @property
+    def only_refines(self) -> bool:
+        """True if the next problem has a finer mesh and no further pairs."""
+        return self.further is not None and self.further[1] > self.required[1]
+
+    @property
     def is_finest(self) -> bool:
         """True on a full mesh."""
         return explore_mesh(self.search) == full_mesh(self.search)
@@ -266,13 +276,14 @@ class CoarseResult:
         """Accuracy of the duration: each finer mesh gains less than the one before."""
         if self.is_finest:
             return Level.SPLIT
-        return Level.COARSE if self.search.problem.finer == 1 else Level.FULL
+        first = _first_finer(self.search.problem.task)
+        return Level.COARSE if self.search.problem.finer == first else Level.FULL
 
     def is_optimum_of(self, other: CoarseResult) -> bool:
         """Return True if another result is the same optimum: as fast, on the same mesh."""
         if explore_mesh(self.search) != explore_mesh(other.search):
             return False
-        return abs(self.duration - other.duration) <= LEAST_GAIN * other.duration
+        return abs(self.duration - other.duration) <= SAME_OPTIMUM * self.duration < np.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -313,7 +324,9 @@ class GuidedSearch:
             distances.append(PairDistances.along(robot, held, tolerance, way, via))
         return RequiredDistances(scenes, tuple(distances), places)
 
-    def coarse_step(self, around: RequiredDistances | None = None, finer: int = 1) -> CoarseResult:
+    def coarse_step(
+        self, around: RequiredDistances | None = None, finer: int | None = None
+    ) -> CoarseResult:
         """Return the coarse answer of a problem, and what the next problem requires.
 
         A pair outside of the problem that comes too near is added on the same mesh. If one of the
@@ -327,6 +340,7 @@ class GuidedSearch:
             The time limit was reached before a search began.
         """
         around = around or self.around(tool_poses(self.task.robot, self.way.via))
+        finer = finer or _first_finer(self.task)
         search = self._search(around, finer)
         result = CoarseResult(search, explore(search), (around, finer))
         answer = best_of(search, result.state)
@@ -388,7 +402,7 @@ class GuidedSearch:
                         break
                 else:
                     front = front_of(now.search, now.state)
-                    proofs = [self._proof(motion) for _, motion in front[0]]
+                    proofs = [self._proof(motion, _is_within(motion)) for _, motion in front[0]]
                 rows = zip(front[0], proofs, strict=True)
                 pairs = [(m, proof) for (_, m), proof in rows if proof and not proof.proved]
                 if not pairs:
@@ -404,6 +418,9 @@ class GuidedSearch:
                 now = again or self.settled(self.coarse_step(more, finer))
             if known:
                 front, proofs = ([(0.0, known[0])], ""), [known[1]]
+            # Nothing is said about the clearance of a motion that is not accepted anyway.
+            rows = zip(front[0], proofs, strict=True)
+            proofs = [p if is_clear(p) or is_accepted(m) else None for (_, m), p in rows]
         return front, proofs
 
     def _along_itself(self, now: CoarseResult) -> CoarseResult:
@@ -436,7 +453,8 @@ class GuidedSearch:
         tried = list[tuple[Motion, Clearance | None]]()
         for answer in answers:
             motion = motion_from(replace(best, answer=answer))
-            tried.append((motion, self._proof(motion)))
+            kept = _is_within(motion) or self._own_excess(answer.solution) is not None
+            tried.append((motion, self._proof(motion, kept)))
             if is_clear(tried[-1][1]):
                 break
         return tried, best.answer
@@ -466,28 +484,30 @@ class GuidedSearch:
             problem = replace(problem, proved_excess=self._proved_excess)
             return search_of(problem, request.progress)
 
+    def _own_excess(self, solution: Solution) -> list[FloatArray] | None:
+        """Return the excess of the task's own limits; None if it is too large."""
+        pairs = zip(self.task.families, phase_shapes(solution), strict=True)
+        excess = [excess_along(family, shape) for family, shape in pairs]
+        return excess if largest(excess) <= self.request.settings.limit_tolerance else None
+
     def _proved_excess(self, solution: Solution) -> list[FloatArray] | None:
         """Return the excess of the task's own limits if the links are proved to keep clear.
 
         Exact geometry decides. Capsules stand out from their links, and the nearest points of two
         bodies jump between faces, so their distances would need endless meshes.
         """
-        shapes = phase_shapes(solution)
-        pairs = zip(self.task.families, shapes, strict=True)
-        excess = [excess_along(family, shape) for family, shape in pairs]
-        if largest(excess) > self.request.settings.limit_tolerance:
+        excess = self._own_excess(solution)
+        if excess is None:
             return None
-        motion = motion_of(self.task, shapes, {})
+        motion = motion_of(self.task, phase_shapes(solution), {})
         proof = clearance_along(places_along(self.task, motion, self.scene), motion)
         return excess if proof.proved else None
 
-    def _proof(self, motion: Motion) -> Clearance | None:
-        """Return the clearance of a motion that is solved or within the limits, None otherwise."""
-        solved = motion.solved or is_late(motion)
-        if not (solved or motion.provenance["excess"] <= LIMIT_TOLERANCE):
+    def _proof(self, motion: Motion, kept: bool) -> Clearance | None:
+        """Return the clearance of a motion that keeps the task's own limits, None otherwise."""
+        if not kept:
             return None
-        proof = clearance_along(places_along(self.task, motion, self.scene), motion)
-        return proof if solved or proof.proved else None
+        return clearance_along(places_along(self.task, motion, self.scene), motion)
 
     def _required_after(
         self, around: RequiredDistances, pairs: Sequence[tuple[Motion, Clearance]]
@@ -508,6 +528,19 @@ class GuidedSearch:
             around, _, more_left_out = around.after(along, NEAR)
             left_out = left_out or more_left_out
         return around, left_out
+
+
+def _is_within(motion: Motion) -> bool:
+    return is_accepted(motion) or motion.provenance["excess"] <= LIMIT_TOLERANCE
+
+
+def _first_finer(task: Task) -> int:
+    """Return the factor on the number of intervals of the first coarse mesh.
+
+    Under limits of rates 20 intervals cost some ways 3 % of the duration and others nothing, so
+    that their durations could not be compared.
+    """
+    return 2 if task.family.jerk_matters else 1
 
 
 def _duration(proved: tuple[Motion, Clearance]) -> float:

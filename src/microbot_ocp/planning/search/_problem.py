@@ -22,6 +22,8 @@ from microbot_ocp.motion import Motion, polynomial_of
 from microbot_ocp.ocp import Solution
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.planning.free import (
+    JERK_WEIGHT,
+    SMOOTHING,
     FlatTranscription,
     InitialGuess,
     Slowed,
@@ -52,6 +54,9 @@ from microbot_ocp.planning.task import (
 )
 from microbot_ocp.robot import Robot
 
+# Weight of the squared jerk among obstacles under limits of rates: joints of a redundant arm that
+# do not decide the duration converge in fewer iterations
+GUIDED_SMOOTHING = 100.0 * SMOOTHING
 VIA_TOLERANCE = 1e-7  # relative position error and velocity jump allowed at a via point
 
 
@@ -182,7 +187,18 @@ class MotionProblem:
 
     @cached_property
     def _usual_kernels(self) -> Any:
-        return self._built() if self.given is None else self.given
+        if self.given is not None:
+            return self.given
+        built = self._built()
+        if self.smoothing == SMOOTHING:
+            return built
+        return built.with_parameters({name: {JERK_WEIGHT: self.smoothing} for name in self.names})
+
+    @property
+    def smoothing(self) -> float:
+        """Weight of the squared jerk."""
+        is_guided = self.timed_path is not None and self.family.jerk_matters
+        return GUIDED_SMOOTHING if is_guided else SMOOTHING
 
     def _built(self, *, budgeted: bool = False, stated: bool = False) -> Any:
         conditions = None

@@ -75,6 +75,9 @@ SMOOTHING_FACTORS = (1e6, 1e5, 1e4, 1e3, 1e2, 10.0, 1.0)
 SMOOTHING_ITERATIONS = 200  # iteration limit of each solve with increased smoothing
 TIMED_PATH_TOLERANCE = 1e-4  # solver tolerance among obstacles, relative
 EXACT = 0.1 * EXACT_TOLERANCE  # largest violation of a constraint among obstacles
+# Number of meshes among obstacles without halving the least excess: larger distances help sooner
+GUIDED_STUBBORN = 2
+GUIDED_SWITCHED = 2  # meshes among obstacles whose intervals are split at switches
 USUAL_ITERATIONS = 100  # iteration limit of a full or refined mesh, and of the last step
 
 
@@ -110,7 +113,8 @@ def search_of(problem: MotionProblem, progress: StepProgress) -> MotionSearch:
         # Poses at stops are equations, which a certificate judges more strictly than optimality.
         options |= {"constr_viol_tol": EXACT, "acceptable_constr_viol_tol": EXACT}
         rough = SolverSettings(gap=np.inf, options={"ipopt": options}, max_iterations=most)
-        refiner = replace(refiner, tolerance=tolerance, rough=None, settings=rough, once=True)
+        given = {"rough": None, "settings": rough, "once": True, "stubborn": GUIDED_STUBBORN}
+        refiner = replace(refiner, tolerance=tolerance, **given)
     return MotionSearch(problem, refiner, progress, kernel_time)
 
 
@@ -378,8 +382,11 @@ def split_where_exceeded(search: MotionSearch, subject: MotionAnswer) -> MotionA
     """Split intervals at switches, and until limits hold between mesh points."""
     refiner, best = _going_on(subject), subject.solution
     is_guided, tolerance = search.problem.timed_path is not None, search.settings.limit_tolerance
+    # An answer that is solved again keeps the intervals that were split at switches.
+    again = subject.before is not None and subject.before.level >= Level.SPLIT
     marks: Any = {
         "switching": partial(switch_marks, search.problem.family),
+        "most": 0 if again else GUIDED_SWITCHED if is_guided else np.inf,
         # Other ways around obstacles differ by percents: the last meshes are not worth their time.
         "worth": tolerance if is_guided else LEAST_GAIN,
     }
@@ -393,7 +400,7 @@ def split_where_exceeded(search: MotionSearch, subject: MotionAnswer) -> MotionA
             given = {"settings": least, "rough": None, "foresight": LEAST_FORESIGHT}
             exact = replace(refiner, once=True, **given)
             best = exact.refine(best, **marks)
-    if search.problem.is_rated:
+    if search.problem.is_rated and not is_guided:
         # The last refinement of a mesh gains almost nothing and may take a thousand iterations.
         refiner = replace(refiner, once=True, settings=_at_most(refiner.settings, USUAL_ITERATIONS))
     if is_guided:  # a failed solve is repeated from a larger barrier

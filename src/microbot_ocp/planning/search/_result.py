@@ -82,6 +82,11 @@ def is_late(motion: Motion) -> bool:
     return LATE in {row.kind for row in motion.outcome.advice}
 
 
+def is_accepted(motion: Motion) -> bool:
+    """Return True if a motion is solved, or only late."""
+    return motion.solved or is_late(motion)
+
+
 def returned(made_from: str) -> Advice:
     """Return advice on a motion that replaces a solution."""
     sentence = f"Returned is {made_from}: it keeps every limit, but others may be faster."

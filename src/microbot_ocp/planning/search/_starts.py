@@ -17,7 +17,6 @@ import numpy as np
 from microbot_ocp.ocp import Solution
 from microbot_ocp.ocp.refinement import Refiner
 from microbot_ocp.planning.free import (
-    SMOOTHING,
     InitialGuess,
     accelerations_jump,
     guess_along,
@@ -187,7 +186,7 @@ def _answer(
 ) -> MotionAnswer:
     """Return a coarse answer with the refiner that continues it on the usual kernels."""
     given = {"solves": tuple(by.history), "step": step, **more}
-    return MotionAnswer(start, solution, search.refiner, SMOOTHING, **given)
+    return MotionAnswer(start, solution, search.refiner, search.problem.smoothing, **given)
 
 
 def nearest(state: SearchState) -> MotionAnswer:
