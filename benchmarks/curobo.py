@@ -9,6 +9,7 @@ problems are not published.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -125,6 +126,23 @@ def comparison(rows: list[dict[str, Any]]) -> str:
     return "\n".join([lines[0], "|---" * len(columns) + "|", *lines[1:]])
 
 
+def families(rows: list[dict[str, Any]]) -> str:
+    """Return medians by family and conditions, s, as Markdown: motion, first motion, search."""
+    kinds = list(dict.fromkeys((r["robot"], r["conditions"]) for r in rows))
+    lines = ["| family | " + " | ".join(" ".join(kind) for kind in kinds) + " |"]
+    lines.append("|---" * (len(kinds) + 1) + "|")
+    for family in sorted({r["family"] for r in rows}):
+        cells = []
+        for robot, conditions in kinds:
+            own = [r for r in rows if (r["robot"], r["family"]) == (robot, family)]
+            found = certified(own, conditions)
+            keys = ("duration", "first", "processor")
+            times = [np.median([r[key] for r in found if r[key] is not None]) for key in keys]
+            cells.append("{:.3f}, {:.1f}, {:.1f}".format(*times) if found else "-")
+        lines.append(f"| {family} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
 def certified(rows: list[dict[str, Any]], conditions: str) -> list[dict[str, Any]]:
     """Return the rows of some conditions with a certified motion that is proved to keep clear."""
     own = [r for r in rows if r["conditions"] == conditions]
@@ -132,17 +150,35 @@ def certified(rows: list[dict[str, Any]], conditions: str) -> list[dict[str, Any
 
 
 def draw(rows: list[dict[str, Any]], path: Path) -> None:
-    """Draw the shares of motions below a motion time, and the published percentiles."""
+    """Draw shares of motions over the motion time and over the time of the search.
+
+    The published percentiles stand beside the motion times.
+    """
     with styled():
-        figure = Figure((7.2, 2.9), layout="constrained")
-        axes = figure.subplots(1, 2, sharex=True, sharey=True)
-        for axis, (conditions, title) in zip(axes, TITLES.items(), strict=True):
-            times = sorted(r["duration"] for r in certified(rows, conditions))
-            shares = 100 * np.arange(1, len(times) + 1) / max(len(times), 1)
-            label = f"certified and clear, {len(times)} problems"
-            axis.step(times, shares, where="post", label=label)
-            axis.plot(PUBLISHED[conditions][1][1:], SHARES, "o", label="cuRobo V2, 2600 problems")
+        figure = Figure((7.2, 2.7), layout="constrained")
+        *axes, last = figure.subplots(1, 3, sharey=True)
+        kinds = zip(axes, TITLES.items(), ("C0", "C1"), strict=True)
+        for axis, (conditions, title), color in kinds:
+            found = certified(rows, conditions)
+            own = {"label": f"ours, {len(found)} problems", "where": "post", "color": color}
+            axis.step(*_shares(r["duration"] for r in found), **own)
+            others = {"label": "cuRobo V2, 2600", "color": "black"}
+            axis.plot(PUBLISHED[conditions][1][1:], SHARES, "o", **others)
             axis.set(title=title, xlabel="motion time [s]")
             axis.legend(loc="lower right")
-        axes[0].set_ylabel("motions that take no longer [%]")
+            for key, style in {"first": "--", "processor": "-"}.items():
+                spent = (r[key] for r in found if r[key] is not None)
+                last.step(*_shares(spent), style, where="post", color=color)
+        axes[1].sharex(axes[0])
+        last.set(xscale="log", xlabel="processor time [s]", title="time of the search")
+        last.xaxis.set_major_formatter("{x:g}")
+        for time, what in ((0.75, "first\nmotion"), (20.0, "last")):
+            last.text(time, 45.0, what)
+        axes[0].set_ylabel("problems [%]")
         figure.savefig(path)
+
+
+def _shares(values: Iterable[float]) -> tuple[list[float], np.ndarray]:
+    """Return values in ascending order, and the shares of values up to each, %."""
+    ordered = sorted(values)
+    return ordered, 100 * np.arange(1, len(ordered) + 1) / max(len(ordered), 1)

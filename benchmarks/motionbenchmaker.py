@@ -7,7 +7,9 @@ URDF, SRDF, meshes and, unpacked from ``problems.tar.bz2``, the folders
 ``problems/FAMILY_ROBOT`` with ``scene0001.yaml`` and ``request0001.yaml`` (C. Chamzas et al.,
 MotionBenchMaker, IEEE Robotics and Automation Letters 7, 2022). ``--out FILE`` keeps a line of JSON
 for every problem and goes on where that file ends; a figure is drawn beside it. ``--jobs 2`` solves
-on dask.
+on dask, ``--client tcp://HOST:8786`` on the workers of a running scheduler. Any other arm and any
+family of MoveIt scenes and requests may lie in FOLDER under such names; the limits are those of the
+URDF.
 
 Panda: identified dynamics and the maker's limits of the packaged robot, torque rates among them,
 with the maker's figures of its hand. UR5: masses and inertias of its URDF (ur_description of
@@ -35,6 +37,7 @@ import re
 import statistics
 import warnings
 from collections.abc import Iterable
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -54,9 +57,10 @@ from microbot_ocp.scene import Surroundings, detour
 from microbot_ocp.views.plots import styled
 
 ROBOTS = ("panda", "ur5")
-CAPSULES = {"panda": 2, "ur5": 3}  # capsules per link with which most starts and goals are free
+# Capsules per link with which most starts and goals are free
+CAPSULES = {"panda": 2, "ur5": 3}
+USUAL_CAPSULES = 2
 DEVELOPING = ("box", "table_pick", "bookshelf_small", "bookshelf_tall")
-FAMILIES = (*DEVELOPING, "cage", "bookshelf_thin", "table_under_pick")
 IN_TIME = 60.0  # processor time above which a task does not count as solved, s
 MARKS = "<!-- made by benchmarks motionbenchmaker -->\n", "<!-- end of the tables -->\n"
 POSES, DISTANCES = 500, 50  # poses of a motion with a check of meshes, and with their distances
@@ -75,8 +79,8 @@ def main(arguments: list[str]) -> None:
         prog="python -m benchmarks motionbenchmaker", description=__doc__
     )
     parser.add_argument("--data", type=Path, required=True)
-    parser.add_argument("--robot", choices=ROBOTS, nargs="*", default=ROBOTS)
-    parser.add_argument("--family", choices=FAMILIES, nargs="*", default=DEVELOPING)
+    parser.add_argument("--robot", nargs="*", default=ROBOTS)
+    parser.add_argument("--family", nargs="*", default=DEVELOPING)
     parser.add_argument(
         "--conditions", choices=curobo.CONDITIONS, nargs="*", default=curobo.CONDITIONS[:1]
     )
@@ -84,6 +88,7 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--count", type=int, default=100)
     parser.add_argument("--limit", type=float, default=IN_TIME, help="s of processor time")
     parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--client", help="address of a dask scheduler")
     parser.add_argument("--out", type=Path, default=Path("out/motionbenchmaker.jsonl"))
     parser.add_argument("--page", type=Path, help="Markdown to write the tables into")
     options = parser.parse_args(arguments)
@@ -98,7 +103,7 @@ def main(arguments: list[str]) -> None:
         if (robot, family, number, conditions) not in done
         and (robot == "panda" or conditions in curobo.OWN)
     ]
-    for row in _rows(todo, options.jobs):
+    for row in _rows(todo, options.jobs, options.client):
         rows.append(row)
         print(line(row), flush=True)
         with options.out.open("a") as file:
@@ -118,15 +123,18 @@ def publish(rows: list[dict[str, Any]], page: Path) -> None:
     draw(rows, page.parent / "images" / f"{page.stem}.png")
 
 
-def _rows(cases: list[tuple[Any, ...]], jobs: int) -> Any:
+def _rows(cases: list[tuple[Any, ...]], jobs: int, address: str | None) -> Any:
     """Yield the rows of cases in the order in which they finish."""
-    if jobs == 1 or not cases:
+    if (jobs == 1 and address is None) or not cases:
         yield from (measured(*case) for case in cases)
         return
     from distributed import Client, LocalCluster, as_completed
 
-    cluster = LocalCluster(jobs, threads_per_worker=1, dashboard_address=None)
-    with cluster, Client(cluster) as client:
+    local = {"threads_per_worker": 1, "dashboard_address": None}
+    with (
+        nullcontext(address) if address else LocalCluster(jobs, **local) as cluster,
+        Client(cluster) as client,
+    ):
         futures = client.map(lambda case: measured(*case), cases, pure=False)
         yield from (future.result() for future in as_completed(futures))
 
@@ -149,9 +157,9 @@ def arm(folder: Path, name: str) -> mo.Robot:
             inertia = turn @ link.inertia @ turn.T
             links.append(replace(link, center_of_mass=center, inertia=(inertia + inertia.T) / 2))
         robot = robot.with_links(links).with_limits(packaged.limits).with_payload(*HAND)
-    else:
+    elif name == "ur5":
         robot = robot.with_limits(qd_max=np.pi)
-    return robot.with_capsules(mo.fit_capsules(robot, most=CAPSULES[name]))
+    return robot.with_capsules(mo.fit_capsules(robot, most=CAPSULES.get(name, USUAL_CAPSULES)))
 
 
 class Meshes:
@@ -172,10 +180,18 @@ class Meshes:
         for obstacle in scene.obstacles:
             if isinstance(obstacle, mo.Box):
                 shape = coal.Box(*obstacle.size)
-            else:
-                assert isinstance(obstacle, mo.Cylinder)
+            elif isinstance(obstacle, mo.Cylinder):
                 shape = coal.Cylinder(obstacle.radius, obstacle.length)
-            placed = pin.GeometryObject(obstacle.name, 0, 0, pin.SE3(obstacle.pose), shape)
+            elif isinstance(obstacle, mo.Sphere):
+                shape = coal.Sphere(obstacle.radius)
+            else:
+                raise TypeError(f"{obstacle.name}: {type(obstacle).__name__} is not checked here")
+            at = (
+                pin.SE3(np.eye(3), obstacle.center)
+                if isinstance(obstacle, mo.Sphere)
+                else pin.SE3(obstacle.pose)
+            )
+            placed = pin.GeometryObject(obstacle.name, 0, 0, at, shape)
             index = self.geometry.addGeometryObject(placed)
             for link in moving:
                 self.geometry.addCollisionPair(pin.CollisionPair(link, index))
@@ -294,8 +310,8 @@ def line(row: dict[str, Any]) -> str:
 
 def report(rows: list[dict[str, Any]]) -> str:
     """Return Markdown tables of the record: results, unsolved problems, shares of the time."""
-    results = curobo.comparison if compared(rows) else table
-    return "\n\n".join([results(rows), unsolved(rows), stages(rows)])
+    results = [curobo.comparison, curobo.families] if compared(rows) else [table]
+    return "\n\n".join(part(rows) for part in (*results, unsolved, stages))
 
 
 def compared(rows: list[dict[str, Any]]) -> bool:
@@ -379,7 +395,7 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
     with styled():
         figure = Figure((7.2, 3.2), layout="constrained")
         left, right = figure.subplots(1, 2)
-        for robot in ROBOTS:
+        for robot in dict.fromkeys(row["robot"] for row in rows):
             own = [r for r in rows if r["robot"] == robot and r.get("duration")]
             pairs = [
                 (r["chain"], r["duration"]) for r in own if r["chain"] and r["outcome"] == "solved"
