@@ -18,6 +18,7 @@ from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Variable, nod
 from microbot_ocp.ocp.solution import Given, PhaseSolution, Solution, StartingPoint, pack
 from microbot_ocp.ocp.starts._measured_guess import with_measurements
 from microbot_ocp.ocp.starts._rollout import rollouts
+from microbot_ocp.ocp.starts._tied_guess import with_tied_controls
 from microbot_ocp.ocp.transcription import Block, Guess, PhaseLayout, Program
 from microbot_ocp.ocp.transcription.schemes import Collocation
 
@@ -89,7 +90,7 @@ def completed(
         raise InputError(f"guess must be a mapping, a Solution or 'rollout', not {guess!r}")
     given = guess or {}
     whole = all(_is_whole(given.get(phase.name), phase) for phase in problem.phases)
-    ordinary = {p.name: Guess() for p in problem.phases} if whole else default_guess(problem)
+    ordinary = {p.name: Guess() for p in problem.phases} if whole else _lines(problem)
     free = {v.name for phase in problem.phases for v in phase.free_parameters}
     shared = {k: v for g in given.values() for k, v in g.values.items() if k in free}
     for phase in problem.phases:  # a free parameter has one value in all its phases
@@ -101,7 +102,7 @@ def completed(
         usual = ordinary[name]
         duration = usual.duration if value.duration is None else value.duration
         ordinary[name] = replace(usual.with_values(value.values), duration=duration)
-    return ordinary
+    return {p.name: with_tied_controls(p, ordinary[p.name]) for p in problem.phases}
 
 
 def _is_whole(guess: Guess | None, phase: Phase) -> bool:
@@ -115,8 +116,13 @@ def default_guess(problem: OptimalControlProblem) -> dict[str, Guess]:
 
     A variable with a condition at one end keeps that value; a variable without any is in the middle
     of its bounds, or zero. Measured states pass through the measurements, and free parameters are
-    fitted to them.
+    fitted to them. Controls that equations determine satisfy these.
     """
+    guesses = _lines(problem)
+    return {phase.name: with_tied_controls(phase, guesses[phase.name]) for phase in problem.phases}
+
+
+def _lines(problem: OptimalControlProblem) -> dict[str, Guess]:
     guesses = {}
     links = {link.after: link.names for link in problem.links}
     last: dict[str, FloatArray] = {}

@@ -30,6 +30,7 @@ from microbot_ocp.ocp.problem import (
     Range,
     Variable,
     parts_of,
+    tied_controls,
     with_items,
     with_phases,
 )
@@ -192,8 +193,9 @@ class _SizeEstimate:
             v.name: sampled(values.get(v.name, ordinary.values.get(v.name, 0.0)), v, self.share)
             for v in self.variables
         }
-        # Free parameters always count as guessed: measurements may have determined them.
-        guessed_names = {*values, *(v.name for v in phase.free_parameters)}
+        # Free parameters always count as guessed, because measurements may have determined them,
+        # and so do controls that equations determine.
+        guessed_names = {*values, *(v.name for v in phase.free_parameters), *tied_controls(phase)}
         tables = {v.name: self.tables[v.name] for v in self.variables if v.name in guessed_names}
         self.sizes = {
             v.name: v.scale
