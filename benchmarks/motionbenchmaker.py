@@ -162,6 +162,27 @@ def arm(folder: Path, name: str) -> mo.Robot:
     return robot.with_capsules(mo.fit_capsules(robot, most=CAPSULES.get(name, USUAL_CAPSULES)))
 
 
+def surface_of(path: str, scale: np.ndarray) -> Any:
+    """Return the triangles of a mesh file for coal, read by trimesh.
+
+    coal's own reader joins wrong corners where a file has several materials.
+    """
+    import coal
+    import trimesh
+
+    mesh = trimesh.load(path, force="mesh", process=False)
+    places, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+    for place in np.asarray(mesh.vertices) * np.ravel(scale):
+        places.append(place)
+    for corners in np.asarray(mesh.faces).tolist():
+        triangles.append(coal.Triangle(*corners))
+    surface = coal.BVHModelOBBRSS()
+    surface.beginModel(len(mesh.faces), len(mesh.vertices))
+    surface.addSubModel(places, triangles)
+    surface.endModel()
+    return surface
+
+
 class Meshes:
     """Original meshes of an arm among the original boxes and cylinders."""
 
@@ -176,6 +197,9 @@ class Meshes:
         self.geometry = pin.buildGeomFromUrdfString(self.model, text, pin.GeometryType.COLLISION)
         self.geometry.addAllCollisionPairs()
         pin.removeCollisionPairs(self.model, self.geometry, str(folder / name / f"{name}.srdf"))
+        for body in self.geometry.geometryObjects:
+            if Path(body.meshPath).is_file():
+                body.geometry = surface_of(body.meshPath, body.meshScale)
         moving = [k for k, g in enumerate(self.geometry.geometryObjects) if g.parentJoint]
         for obstacle in scene.obstacles:
             if isinstance(obstacle, mo.Box):
