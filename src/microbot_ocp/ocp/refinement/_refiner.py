@@ -276,7 +276,10 @@ class Refiner:
         accept: Callable[[Solution, Solution], bool],
         done: Callable[[_Rounds, list[FloatArray]], Status | None],
     ) -> Solution:
-        """Return the last solution of the refinement loop, which ends by limits or by ``done``."""
+        """Return the last solution of the refinement loop, which ends by limits or by ``done``.
+
+        A motion that may not be slowed down is the last one within its limits, if there is one.
+        """
 
         def ended(rounds: _Rounds, meshes: list[FloatArray]) -> Status | None:
             if deadline.over() or not rounds[-1].solution.status.solved:
@@ -286,6 +289,9 @@ class Refiner:
         if deadline.over() or not solution.status.solved:
             return solution
         *_, last = refined(solution, self.finer, measure, split, accept, ended)
+        if self.enough is None:
+            within = [k.solution for k in last.rounds if k.measure.worst <= self.limit_tolerance]
+            return within[-1] if within else last.solution
         return last.solution
 
     def _exceeded(
