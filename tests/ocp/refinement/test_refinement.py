@@ -113,6 +113,32 @@ def test_refinement_stops_where_the_excess_is_allowed(pretend):
     assert [entry["excess"] for entry in refiner.history] == [0.05, 0.009]
 
 
+@pytest.mark.parametrize(("slowed", "kept"), [(None, 0.99), (lambda _: False, 0.98)])
+def test_the_last_motion_within_its_limits_is_returned(pretend, slowed, kept):
+    """A mesh split at a switch may exceed limits; what may be slowed down goes on from there."""
+    found = {1.0: 0.02, 0.99: 0.005, 0.98: 0.5}
+
+    def switching(answer):
+        return [np.ones(answer.phases[0].mesh.size - 1, dtype=bool)]
+
+    def excess(answer):
+        return [np.full(answer.phases[0].mesh.size - 1, found[answer.cost])]
+
+    refiner, calls = pretend([solution(0.99), solution(0.98)], excess, rounds=2, enough=slowed)
+    refiner.history.append({})
+    assert refiner.refine(solution(1.0), switching).cost == kept
+    assert len(calls) == 2
+
+
+@pytest.mark.parametrize(("most", "solves"), [(0, 0), (1, 1), (2, 2), (np.inf, 4)])
+def test_switches_are_split_on_the_first_meshes_alone(pretend, most, solves):
+    answers = [solution(1.0 - 0.01 * k) for k in range(1, 8)]
+    refiner, calls = pretend(answers, rounds=4)
+    refiner.history.append({})
+    refiner.refine(solution(1.0), lambda _: [np.ones(4, dtype=bool)], most=most)
+    assert len(calls) == solves
+
+
 def test_nothing_is_solved_where_the_first_mesh_is_fine_enough(pretend):
     refiner, calls = pretend([], lambda _: [np.full(4, 0.01)])
     refiner.history.append({})
