@@ -104,7 +104,8 @@ def comparison(rows: list[dict[str, Any]]) -> str:
     """Return our figures by conditions beside the published ones, as Markdown."""
     columns = {"": ["certified and clear", "solved", "motion time, mean, s"]}
     columns[""] += [*(f"{share} %" for share in SHARES), "torque, share of the limit", "search, s"]
-    for robot, conditions in itertools.product(("panda", "ur5"), CONDITIONS):
+    robots = dict.fromkeys(r["robot"] for r in rows)
+    for robot, conditions in itertools.product(robots, CONDITIONS):
         own = [r for r in rows if (r["robot"], r["conditions"]) == (robot, conditions)]
         tried = [r for r in own if r["ends_free_by_meshes"]]
         found = certified(tried, conditions)

@@ -39,7 +39,7 @@ import warnings
 from collections.abc import Iterable
 from contextlib import nullcontext
 from dataclasses import replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -57,9 +57,7 @@ from microbot_ocp.scene import Surroundings, detour
 from microbot_ocp.views.plots import styled
 
 ROBOTS = ("panda", "ur5")
-# Capsules per link with which most starts and goals are free
-CAPSULES = {"panda": 2, "ur5": 3}
-USUAL_CAPSULES = 2
+CAPSULES = {"ur5": 3}  # capsules per link with which most starts and goals are free; others 2
 DEVELOPING = ("box", "table_pick", "bookshelf_small", "bookshelf_tall")
 IN_TIME = 60.0  # processor time above which a task does not count as solved, s
 MARKS = "<!-- made by benchmarks motionbenchmaker -->\n", "<!-- end of the tables -->\n"
@@ -92,6 +90,10 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--out", type=Path, default=Path("out/motionbenchmaker.jsonl"))
     parser.add_argument("--page", type=Path, help="Markdown to write the tables into")
     options = parser.parse_args(arguments)
+    for robot, family in itertools.product(options.robot, options.family):
+        place = options.data / robot / "problems" / f"{family}_{robot}"
+        if not place.is_dir():
+            parser.error(f"--data, --robot and --family need the folder {place}")
     rows = [{"conditions": "makers", **row} for row in read(options.out)]
     done = {(row["robot"], row["family"], row["number"], row["conditions"]) for row in rows}
     numbers = range(options.first, options.first + options.count)
@@ -159,11 +161,12 @@ def arm(folder: Path, name: str) -> mo.Robot:
         robot = robot.with_links(links).with_limits(packaged.limits).with_payload(*HAND)
     elif name == "ur5":
         robot = robot.with_limits(qd_max=np.pi)
-    return robot.with_capsules(mo.fit_capsules(robot, most=CAPSULES.get(name, USUAL_CAPSULES)))
+    return robot.with_capsules(mo.fit_capsules(robot, most=CAPSULES.get(name, 2)))
 
 
-def surface_of(path: str, scale: np.ndarray) -> Any:
-    """Return the triangles of a mesh file for coal, read by trimesh.
+@cache
+def surface_of(path: str, *scale: float) -> Any:
+    """Return the triangles of a mesh file for coal, read by trimesh; cached.
 
     coal's own reader joins wrong corners where a file has several materials.
     """
@@ -172,7 +175,7 @@ def surface_of(path: str, scale: np.ndarray) -> Any:
 
     mesh = trimesh.load(path, force="mesh", process=False)
     places, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-    for place in np.asarray(mesh.vertices) * np.ravel(scale):
+    for place in np.asarray(mesh.vertices) * scale:
         places.append(place)
     for corners in np.asarray(mesh.faces).tolist():
         triangles.append(coal.Triangle(*corners))
@@ -199,23 +202,19 @@ class Meshes:
         pin.removeCollisionPairs(self.model, self.geometry, str(folder / name / f"{name}.srdf"))
         for body in self.geometry.geometryObjects:
             if Path(body.meshPath).is_file():
-                body.geometry = surface_of(body.meshPath, body.meshScale)
+                body.geometry = surface_of(body.meshPath, *np.ravel(body.meshScale).tolist())
         moving = [k for k, g in enumerate(self.geometry.geometryObjects) if g.parentJoint]
         for obstacle in scene.obstacles:
             if isinstance(obstacle, mo.Box):
-                shape = coal.Box(*obstacle.size)
+                shape, place = coal.Box(*obstacle.size), pin.SE3(obstacle.pose)
             elif isinstance(obstacle, mo.Cylinder):
                 shape = coal.Cylinder(obstacle.radius, obstacle.length)
+                place = pin.SE3(obstacle.pose)
             elif isinstance(obstacle, mo.Sphere):
-                shape = coal.Sphere(obstacle.radius)
+                shape, place = coal.Sphere(obstacle.radius), pin.SE3(np.eye(3), obstacle.center)
             else:
                 raise TypeError(f"{obstacle.name}: {type(obstacle).__name__} is not checked here")
-            at = (
-                pin.SE3(np.eye(3), obstacle.center)
-                if isinstance(obstacle, mo.Sphere)
-                else pin.SE3(obstacle.pose)
-            )
-            placed = pin.GeometryObject(obstacle.name, 0, 0, at, shape)
+            placed = pin.GeometryObject(obstacle.name, 0, 0, place, shape)
             index = self.geometry.addGeometryObject(placed)
             for link in moving:
                 self.geometry.addCollisionPair(pin.CollisionPair(link, index))
