@@ -490,8 +490,10 @@ def room_along(
         apart[columns] = least
         there = [k for k in columns if near[place, k] <= scene.clearance]
         beyond, allowance = least - scene.clearance, 2.0 * left_open
-        allowance = min(allowance, 0.5 * beyond) if beyond > 0.0 else allowance
-        allowance = allowance if spare is None else spare
+        if spare is not None:
+            allowance = spare
+        elif beyond > 0.0:
+            allowance = min(allowance, 0.5 * beyond)
         room[there] = near[place, there] - least + allowance
     return room, most, apart
 

@@ -23,6 +23,7 @@ from ._phase import (
 )
 from ._problem import (
     OptimalControlProblem as OptimalControlProblem,
+    control_equations as control_equations,
     node_variables as node_variables,
     parts_of as parts_of,
     tied_controls as tied_controls,

@@ -465,6 +465,18 @@ def with_shapes(
     return with_phases(problem, map(shaped, problem.phases))
 
 
+def control_equations(phase: Phase) -> ca.MX:
+    """Return the constraints with equal bounds that depend on controls, as expressions = 0."""
+    controls = _controls_of(phase)
+    equal = [c for c in phase.constraints if (c.lower == c.upper).all()]
+    parts = (c.expression - c.lower for c in equal if ca.depends_on(c.expression, controls))
+    return ca.vertcat(*parts, ca.MX(0, 1))
+
+
+def _controls_of(phase: Phase) -> ca.MX:
+    return ca.vertcat(*(c.symbol for c in phase.controls), ca.MX(0, 1))
+
+
 def tied_controls(phase: Phase) -> set[str]:
     """Return controls that constraints with equal bounds determine, one for each equation.
 
@@ -473,9 +485,7 @@ def tied_controls(phase: Phase) -> set[str]:
     None are returned where the equations do not have full structural rank by the controls.
     """
     moving = ca.vertcat(phase.time, *(v.symbol for v in (*phase.states, *phase.shaped("linear"))))
-    controls = ca.vertcat(*(c.symbol for c in phase.controls), ca.MX(0, 1))
-    parts = [c.expression for c in phase.constraints if (c.lower == c.upper).all()]
-    equations = ca.vertcat(*(k for k in parts if ca.depends_on(k, controls)), ca.MX(0, 1))
+    controls, equations = _controls_of(phase), control_equations(phase)
     slopes = ca.DM(ca.jacobian_sparsity(equations, controls), 1.0)
     if not ca.depends_on(equations, moving) or ca.sprank(slopes) < slopes.size1():
         return set()

@@ -437,14 +437,13 @@ def _with_constant_controls(task: SolveTask, before: Solution) -> tuple[Solution
     start = restated.start(settings=settings)
     answer = start.context.solve(start.mesh, start.guess)
     journal.attempts.extend(answer.attempts)
-    final, most = False, UNREACHED_SAVING * cost_size(before.cost, before.cost_scale)
+    solved, final = None, False
+    most = UNREACHED_SAVING * cost_size(before.cost, before.cost_scale)
     # The error of constant controls falls at least with the number of intervals.
     growth = PASSING.most_intervals / sum(phase.mesh.size - 1 for phase in answer.phases)
     if answer.cost - before.cost <= growth * most:
         answer, final = restated.judged(answer, start.context, before.cost)
-    else:
-        answer = replace(answer, status=Status.NOT_ACCEPTED)
-    solved = answer if answer.status.solved and answer.cost - before.cost <= most else None
+        solved = answer if answer.status.solved and answer.cost - before.cost <= most else None
     tried, spent = named(CONSTANT, journal.attempts), time.perf_counter() - began
     task.journal.enter(CONSTANT, before, solved, tried, spent)
     if solved is None:

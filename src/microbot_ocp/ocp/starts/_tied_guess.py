@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.problem import Expressions, Phase, parts_of, tied_controls
+from microbot_ocp.ocp.problem import Expressions, Phase, control_equations, parts_of, tied_controls
 from microbot_ocp.ocp.transcription import Guess, sampled
 
 POINTS = 40  # points along a guess at which the equations are solved
@@ -30,13 +30,7 @@ def with_tied_controls(phase: Phase, guess: Guess) -> Guess:
     if not tied or names & guess.values.keys():
         return guess
     unknown = ca.vertcat(*(c.symbol for c in tied))
-    equations = ca.vertcat(
-        *(
-            c.expression - c.lower
-            for c in phase.constraints
-            if (c.lower == c.upper).all() and ca.depends_on(c.expression, unknown)
-        )
-    )
+    equations = control_equations(phase)
     if equations.size1() != unknown.size1():
         return guess
     share, duration = np.linspace(0.0, 1.0, POINTS), float(guess.duration or 1.0)

@@ -177,8 +177,12 @@ class _OrderAmongObstacles:
         self._request, self.task, self._scene, self._legs = request, task, legs.scene, legs
         legs.search([task])
         self._searches: dict[str, GuidedSearch] = {}
-        self._coarse_results: dict[str, CoarseResult] = {}
-        self._history: list[CoarseResult] = []
+        self._steps: list[tuple[str, CoarseResult]] = []
+
+    @property
+    def _coarse_results(self) -> dict[str, CoarseResult]:
+        """Latest coarse answer along every guided way, by name, in the order of the first ones."""
+        return dict(self._steps)
 
     @cached_property
     def _timed(self) -> list[GuidedWay]:
@@ -237,8 +241,7 @@ class _OrderAmongObstacles:
         with suppress(deadline.Over):
             search = self._search(guide)
             step = search.coarse_step() if known is None else search.next_step(known)
-            self._coarse_results[guide.name] = step
-            self._history.append(step)
+            self._steps.append((guide.name, step))
             return step
         return None
 
@@ -345,9 +348,10 @@ class _OrderAmongObstacles:
 
         Of answers that only need a finer mesh the earliest one is refined.
         """
-        known = [other for other in self._history if other.further is None]
+        steps = [step for _, step in self._steps]
+        known = [other for other in steps if other.further is None]
         if result.further is not None:
-            earlier = self._history[: self._history.index(result)]
+            earlier = steps[: steps.index(result)]
             known += [other for other in earlier if other.only_refines]
         return any(other is not result and result.is_optimum_of(other) for other in known)
 

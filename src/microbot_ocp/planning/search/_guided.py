@@ -276,8 +276,7 @@ class CoarseResult:
         """Accuracy of the duration: each finer mesh gains less than the one before."""
         if self.is_finest:
             return Level.SPLIT
-        first = _first_finer(self.search.problem.task)
-        return Level.COARSE if self.search.problem.finer == first else Level.FULL
+        return Level.COARSE if self.search.problem.finer == 1 else Level.FULL
 
     def is_optimum_of(self, other: CoarseResult) -> bool:
         """Return True if another result is the same optimum: as fast, on the same mesh."""
@@ -324,9 +323,7 @@ class GuidedSearch:
             distances.append(PairDistances.along(robot, held, tolerance, way, via))
         return RequiredDistances(scenes, tuple(distances), places)
 
-    def coarse_step(
-        self, around: RequiredDistances | None = None, finer: int | None = None
-    ) -> CoarseResult:
+    def coarse_step(self, around: RequiredDistances | None = None, finer: int = 1) -> CoarseResult:
         """Return the coarse answer of a problem, and what the next problem requires.
 
         A pair outside of the problem that comes too near is added on the same mesh. If one of the
@@ -340,7 +337,6 @@ class GuidedSearch:
             The time limit was reached before a search began.
         """
         around = around or self.around(tool_poses(self.task.robot, self.way.via))
-        finer = finer or _first_finer(self.task)
         search = self._search(around, finer)
         result = CoarseResult(search, explore(search), (around, finer))
         answer = best_of(search, result.state)
@@ -402,7 +398,7 @@ class GuidedSearch:
                         break
                 else:
                     front = front_of(now.search, now.state)
-                    proofs = [self._proof(motion, _is_within(motion)) for _, motion in front[0]]
+                    proofs = [self._proof(m) if _is_within(m) else None for _, m in front[0]]
                 rows = zip(front[0], proofs, strict=True)
                 pairs = [(m, proof) for (_, m), proof in rows if proof and not proof.proved]
                 if not pairs:
@@ -454,7 +450,7 @@ class GuidedSearch:
         for answer in answers:
             motion = motion_from(replace(best, answer=answer))
             kept = _is_within(motion) or self._own_excess(answer.solution) is not None
-            tried.append((motion, self._proof(motion, kept)))
+            tried.append((motion, self._proof(motion) if kept else None))
             if is_clear(tried[-1][1]):
                 break
         return tried, best.answer
@@ -500,13 +496,9 @@ class GuidedSearch:
         if excess is None:
             return None
         motion = motion_of(self.task, phase_shapes(solution), {})
-        proof = clearance_along(places_along(self.task, motion, self.scene), motion)
-        return excess if proof.proved else None
+        return excess if self._proof(motion).proved else None
 
-    def _proof(self, motion: Motion, kept: bool) -> Clearance | None:
-        """Return the clearance of a motion that keeps the task's own limits, None otherwise."""
-        if not kept:
-            return None
+    def _proof(self, motion: Motion) -> Clearance:
         return clearance_along(places_along(self.task, motion, self.scene), motion)
 
     def _required_after(
@@ -532,15 +524,6 @@ class GuidedSearch:
 
 def _is_within(motion: Motion) -> bool:
     return is_accepted(motion) or motion.provenance["excess"] <= LIMIT_TOLERANCE
-
-
-def _first_finer(task: Task) -> int:
-    """Return the factor on the number of intervals of the first coarse mesh.
-
-    Under limits of rates 20 intervals cost some ways 3 % of the duration and others nothing, so
-    that their durations could not be compared.
-    """
-    return 2 if task.family.jerk_matters else 1
 
 
 def _duration(proved: tuple[Motion, Clearance]) -> float:

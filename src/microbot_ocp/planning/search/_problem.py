@@ -190,15 +190,21 @@ class MotionProblem:
         if self.given is not None:
             return self.given
         built = self._built()
-        if self.smoothing == SMOOTHING:
-            return built
-        return built.with_parameters({name: {JERK_WEIGHT: self.smoothing} for name in self.names})
+        return self.smoothed(built, self.smoothing) if self.is_guided_by_rates else built
+
+    @property
+    def is_guided_by_rates(self) -> bool:
+        """True if a path around obstacles is given, and jerks or torque rates are limited."""
+        return self.timed_path is not None and self.family.jerk_matters
 
     @property
     def smoothing(self) -> float:
         """Weight of the squared jerk."""
-        is_guided = self.timed_path is not None and self.family.jerk_matters
-        return GUIDED_SMOOTHING if is_guided else SMOOTHING
+        return GUIDED_SMOOTHING if self.is_guided_by_rates else SMOOTHING
+
+    def smoothed(self, kernels: Transcription, weight: float) -> Transcription:
+        """Return the program with another weight of the squared jerk."""
+        return kernels.with_parameters({name: {JERK_WEIGHT: weight} for name in self.names})
 
     def _built(self, *, budgeted: bool = False, stated: bool = False) -> Any:
         conditions = None

@@ -22,9 +22,8 @@ from microbot_ocp.motion import Motion
 from microbot_ocp.ocp import PhaseSolution, Solution, SolverSettings
 from microbot_ocp.ocp.refinement import FORESIGHT as LEAST_FORESIGHT, WARM_BARRIER, WORSE, Refiner
 from microbot_ocp.ocp.solution import StepProgress
-from microbot_ocp.ocp.transcription import Transcription, mesh_of
+from microbot_ocp.ocp.transcription import mesh_of
 from microbot_ocp.planning.free import (
-    JERK_WEIGHT,
     SMOOTHING,
     accelerations_jump,
     limited_rates,
@@ -178,7 +177,7 @@ def _same(finer: MotionAnswer, coarser: MotionAnswer) -> bool:
 def resumed(search: MotionSearch, answer: MotionAnswer) -> MotionAnswer:
     """Solve an answer again under other limits, on its own meshes."""
     weight = answer.smoothing
-    kernels = _smoothed(search, search.refiner.transcription, weight)
+    kernels = search.problem.smoothed(search.refiner.transcription, weight)
     refiner = replace(search.refiner, transcription=kernels, history=[])
     meshes = [phase.mesh for phase in answer.solution.phases]
     first = replace(refiner, once=False)
@@ -189,11 +188,6 @@ def resumed(search: MotionSearch, answer: MotionAnswer) -> MotionAnswer:
         return replace(answer, **found, solves=(*answer.solves, *first.history))
     given = {"before": answer, "step": FULL_MESH, "level": Level.FULL}
     return replace(answer, **found, solves=tuple(first.history), **given)
-
-
-def _smoothed(search: MotionSearch, kernels: Transcription, weight: float) -> Transcription:
-    """Return the program with another weight of the squared jerk."""
-    return kernels.with_parameters({name: {JERK_WEIGHT: weight} for name in search.problem.names})
 
 
 def _refined(search: MotionSearch, answer: MotionAnswer) -> Iterator[MotionAnswer]:
@@ -311,7 +305,7 @@ def less_and_less_smoothing(
     barrier: float | None = SMOOTHING_BARRIER
     for times in SMOOTHING_FACTORS:
         weight = times * subject.smoothing
-        kernels = _smoothed(search, search.refiner.transcription, weight)
+        kernels = search.problem.smoothed(search.refiner.transcription, weight)
         finer = replace(refiner, transcription=kernels)
         solution = replace(finer, settings=limited).solve(meshes, start, barrier=barrier)
         search.progress(f"smoothed {times:g} times: {solution.duration:.6f} s, {solution.status}")
@@ -359,7 +353,7 @@ def _less_smoothed(search: MotionSearch, refiner: Refiner) -> tuple[Refiner, flo
     # The LDL factorisation without pivots loses the small curvature of a weak jerk term in
     # rounding: 40 iterations instead of 21.
     usual = replace(refiner.settings, options={})
-    kernels = _smoothed(search, refiner.transcription, weight)
+    kernels = search.problem.smoothed(refiner.transcription, weight)
     return replace(refiner, transcription=kernels, settings=usual), weight
 
 
