@@ -412,7 +412,7 @@ def table(rows: list[dict[str, Any]]) -> str:
 
 def draw(rows: list[dict[str, Any]], path: Path) -> None:
     """Draw durations against the chain's, and the share of certified motions over time."""
-    if compared(rows):
+    if any(row["conditions"] in curobo.TITLES for row in rows):
         curobo.draw(rows, path)
         return
     with styled():
@@ -433,5 +433,5 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
         first = "processor time to the first certified motion [s]"
         right.set(xlabel=first, ylabel="problems [%]", xscale="log")
         right.xaxis.set_major_formatter("{x:g}")
-        left.legend()
+        right.legend()
         figure.savefig(path)
