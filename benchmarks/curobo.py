@@ -173,6 +173,7 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
         axes[1].sharex(axes[0])
         last.set(xscale="log", xlabel="processor time [s]", title="time of the search")
         last.xaxis.set_major_formatter("{x:g}")
+        last.xaxis.set_minor_formatter("")
         for time, what in ((0.75, "first\nmotion"), (20.0, "last")):
             last.text(time, 45.0, what)
         axes[0].set_ylabel("problems [%]")

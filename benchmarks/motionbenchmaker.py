@@ -433,5 +433,6 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
         first = "processor time to the first certified motion [s]"
         right.set(xlabel=first, ylabel="problems [%]", xscale="log")
         right.xaxis.set_major_formatter("{x:g}")
+        right.xaxis.set_minor_formatter("")
         right.legend()
         figure.savefig(path)
