@@ -6,7 +6,7 @@ The kernels of an interval are built once and used for every mesh.
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping, Sequence, Sized
+from collections.abc import Callable, Iterable, Mapping, Sequence, Sized
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -186,8 +186,11 @@ class Transcription(Portable):
         self, values: Mapping[str, Mapping[str, float | FloatArray]]
     ) -> Transcription:
         """Return a transcription with its kernels and other parameters, by phase and name."""
+        return self.with_phases(with_values(p, values.get(p.name, {})) for p in self.problem.phases)
+
+    def with_phases(self, phases: Iterable[Phase]) -> Transcription:
+        """Return a transcription with its kernels, and phases that differ in their numbers only."""
         changed = copy.copy(self)
-        phases = (with_values(p, values.get(p.name, {})) for p in self.problem.phases)
         changed.problem, changed._last = with_phases(self.problem, phases), None
         return changed
 

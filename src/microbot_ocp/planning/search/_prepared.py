@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,9 +26,10 @@ from microbot_ocp.limits import (
     with_reserve,
 )
 from microbot_ocp.motion import DurationLine, Motion, State
-from microbot_ocp.ocp import ParametricSolver, Phase, Solution, SolverSettings
-from microbot_ocp.ocp.refinement import WORSE, split
+from microbot_ocp.ocp import Phase, Solution, SolverSettings
+from microbot_ocp.ocp.refinement import WORSE
 from microbot_ocp.ocp.solution import quiet, unpack
+from microbot_ocp.ocp.starts import with_changes
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.planning.free import (
     JERK_WEIGHT,
@@ -49,41 +49,35 @@ from microbot_ocp.planning.search._chatter import chatter
 from microbot_ocp.planning.search._problem import MotionProblem
 from microbot_ocp.planning.search._queue import Level
 from microbot_ocp.planning.search._refinement import (
+    FAR_BARRIER,
     best_of,
-    graded,
+    from_barrier,
     refine,
     search_of,
-    switch_marks,
 )
 from microbot_ocp.planning.search._result import fastest
 from microbot_ocp.planning.search._search import MotionAnswer, SearchState
 from microbot_ocp.planning.search._settings import (
     COARSE_MESH,
-    FULL_MESH,
-    LEAST_GAIN,
     TimeOptimalSettings,
 )
+from microbot_ocp.planning.search._starts import coarse
 from microbot_ocp.planning.task import (
-    COARSE_SMOOTHING,
     LDL,
-    SMOOTHING as FRICTION_SMOOTHING,
     TIME_LIMIT,
     EndConditions,
     TaskScale,
     bounds_in_program,
     check_limits,
     check_via,
-    dry_friction,
     largest,
     locked_joints,
     one_remark,
     passing,
     provenance_of,
-    reversals,
     verdict,
     with_drives_noted,
     with_locked_joints_held,
-    with_windows,
 )
 from microbot_ocp.robot import Robot
 
@@ -96,22 +90,6 @@ REFERENCE_TOLERANCE = 2e-3  # relative excess of limits of the prepared motion b
 PREPARED = SolverSettings(
     "ipopt", tolerance=1e-6, gap=np.inf, max_iterations=150, options=LDL, time_limit=TIME_LIMIT
 )
-
-
-def _solved_near(
-    solver: ParametricSolver, start: Solution | Mapping[str, Guess], changes: Mapping[str, Any]
-) -> Solution:
-    """Return a solve with other numbers; from a far guess friction is rounded off at first."""
-    parameters = changes["parameters"]
-    declared = {p.name for p in solver.transcription.problem.phases[0].parameters}
-    if not isinstance(start, Solution) and FRICTION_SMOOTHING in declared:
-        rounded = {
-            phase: {**values, FRICTION_SMOOTHING: COARSE_SMOOTHING}
-            for phase, values in parameters.items()
-        }
-        near = solver.solve(guess=start, **{**changes, "parameters": rounded})
-        start = near if near.status.solved else start
-    return solver.solve(guess=start, **changes)
 
 
 def _tried(
@@ -200,15 +178,13 @@ class _Prepared(NamedTuple):
 class TimeOptimalSolver:
     """Solver for the fastest motion through via points, for changing limits and payloads.
 
-    The program, its compiled kernels and the solver are built once; limits and payload are numeric
-    parameters. The first call solves the task with the robot's own limits as
-    :func:`microbot_ocp.time_optimal` does, with fewer refinements. Every later solve starts from
-    that motion and its multipliers, so that results do not depend on the order of calls; if the
-    numbers are far from the robot's own, it starts from that motion at another speed. The mesh is
-    refined if a limit is exceeded between mesh points by more than a certificate tolerates, and the
-    motion is slowed down if the excess is above the default ``limit_tolerance`` of
-    :class:`TimeOptimalSettings`. Other via points are parameters, too: their solves start from
-    their own scaled cubic.
+    The kernels of the program are built once; limits, payload and via points are numbers in it. The
+    first call solves the task with the robot's own limits as :func:`microbot_ocp.time_optimal`
+    does, with fewer refinements. Every later solve starts from that motion and its multipliers, so
+    that results do not depend on the order of calls; if the limits are far from the robot's own, it
+    starts from that motion at another speed. With other via points it starts from their own scaled
+    cubic. The mesh is refined as in a first solve, and the motion is slowed down if it still
+    exceeds limits by more than the default ``limit_tolerance`` of :class:`TimeOptimalSettings`.
 
     Threads may call one solver concurrently. Copies and pickles, for other processes, contain the
     motion under the robot's own limits; kernels are rebuilt.
@@ -273,8 +249,6 @@ class TimeOptimalSolver:
         self._own: _Prepared | None = None
         self._phases = phase_names(len(self.via_q) - 1)
         self._kernels = self._transcribed()
-        # The key is True for the solver's own via points, False for others.
-        self._solvers: dict[bool, ParametricSolver] = {}
 
     def _transcribed(self) -> Any:
         held: Robot = with_locked_joints_held(LimitFamily.of(self.robot)).robot
@@ -357,11 +331,9 @@ class TimeOptimalSolver:
             # The cost of smoothing must stay below the solver tolerance.
             smoothing = usual * min(1.0, self._solver_settings.tolerance / PREPARED.tolerance)
             starts = self._starts(problem, prepared, moving is not None)
-            how = problem, float(payload), smoothing, moving, starts, search
-            if isinstance(self._kernels, FlatTranscription):
-                tried, name, solution = self._solved_flat(*how)
-            else:
-                tried, name, solution = self._solved_stated(*how, prepared)
+            kernels = self._numbered(problem, float(payload), smoothing, moving)
+            problem = replace(problem, given=kernels)
+            tried, name, solution = self._solved(problem, smoothing, starts, search)
             # Compilation does not pay: an arm with this payload is evaluated once.
             with interpreted() if payload else nullcontext():
                 slowed, outcome, worst = _slowed_down(problem, solution, moving)
@@ -387,18 +359,11 @@ class TimeOptimalSolver:
                 motion, outcome = replace(motion, remark=remarks), outcome.and_(*swings)
             return with_drives_noted(family.robot, motion.ended(outcome))
 
-    def _solved_flat(
-        self,
-        problem: MotionProblem,
-        payload: float,
-        smoothing: float,
-        moving: _StateAtStart | None,
-        starts: _Starts,
-        search: bool,
+    def _solved(
+        self, problem: MotionProblem, smoothing: float, starts: _Starts, search: bool
     ) -> tuple[list[tuple[str, Solution]], str, Solution]:
         """Return the solves on the first mesh, the name of the best start, and its refinement."""
-        kernels = self._numbered(problem, payload, smoothing, moving)
-        how = search_of(replace(problem, given=kernels), quiet)
+        how = search_of(problem, quiet)
         # A tighter tolerance asks for a proportionally smaller gap.
         exact = min(1.0, self._solver_settings.tolerance / PREPARED.tolerance)
         gap = exact * how.refiner.settings.gap
@@ -407,24 +372,35 @@ class TimeOptimalSolver:
         rough = how.refiner.rough if exact == 1.0 else None
         refiner = replace(how.refiner, rounds=self._rounds, settings=settings, rough=rough)
         how = replace(how, refiner=refiner)
+        again, first_solves = replace(refiner, once=True), coarse(how)
+        if not problem.is_flat:
+            # The gap of a program with states asks for a second solve.
+            far = from_barrier(again, FAR_BARRIER)
+            again = replace(again, settings=replace(far, gap=np.inf))
 
         def solve(first: Solution | Mapping[str, Guess]) -> Solution:
-            known = isinstance(first, Solution)
-            meshes: Any = [phase.mesh for phase in first.phases] if known else COARSE_MESH
-            return refiner.solve(meshes, first)
+            if isinstance(first, Solution):  # one attempt: the guesses are further ones
+                return again.solve([phase.mesh for phase in first.phases], first)
+            return first_solves.solve(COARSE_MESH, first)
 
         tried, name, best = _tried(starts, solve, search)
         level = Level.FULL if name == "prepared" else Level.COARSE
-        again, solves = replace(refiner, history=[]), tuple(refiner.history)
+        solves = *again.history, *first_solves.history
         given = {"solves": solves, "way": problem.ways[0], "level": level}
-        answer = MotionAnswer(name, best, again, smoothing, **given)
+        answer = MotionAnswer(name, best, replace(refiner, history=[]), smoothing, **given)
         return tried, name, best_of(how, refine(how, SearchState((answer,)))).solution
 
     def _numbered(
         self, problem: MotionProblem, payload: float, smoothing: float, moving: _StateAtStart | None
-    ) -> FlatTranscription:
+    ) -> Any:
         """Return the program with the numbers of one call."""
-        assert isinstance(self._kernels, FlatTranscription)
+        numbers = {"payload": payload, JERK_WEIGHT: smoothing}
+        if not isinstance(self._kernels, FlatTranscription):
+            changes = self._changes(problem, numbers, moving)
+            phases = self._kernels.problem.phases
+            return self._kernels.with_phases(
+                with_changes(phase, changed) for phase, changed in zip(phases, changes, strict=True)
+            )
         family = with_locked_joints_held(problem.family)
         conditions, widened = passing(family.robot, problem.via), {}
         if moving is not None:
@@ -433,27 +409,8 @@ class TimeOptimalSolver:
             start = EndConditions((q, q), (qd, qd), qdd=(qdd, qdd) if given else None)
             conditions = replace(conditions, ends=(start, *conditions.ends[1:]))
             widened = moving.bounds
-        numbers = {"payload": payload, JERK_WEIGHT: smoothing}
         kernels = self._kernels.under(family, conditions, problem.scale, widened)
         return kernels.with_parameters(dict.fromkeys(self._phases, numbers))
-
-    def _solved_stated(
-        self,
-        problem: MotionProblem,
-        payload: float,
-        smoothing: float,
-        moving: _StateAtStart | None,
-        starts: _Starts,
-        search: bool,
-        prepared: _Prepared | None,
-    ) -> tuple[list[tuple[str, Solution]], str, Solution]:
-        """Return the solves, the best start and its refinement, by the program with states."""
-        solver = self._solver(prepared)
-        changes = self._changes(problem, payload, smoothing, moving)
-        solve = partial(_solved_near, solver, changes=changes)
-        tried, name, best = _tried(starts, solve, search)
-        kernels = prepared.kernels if prepared else self._kernels
-        return tried, name, self._refined(problem, best, changes, kernels)
 
     def along(
         self,
@@ -538,33 +495,8 @@ class TimeOptimalSolver:
         )
         return requested / usual
 
-    # Concurrent first calls each build their own solver or motion, and the last one is kept: no
-    # call waits for another beyond its own time limit.
-
-    def _solver(self, prepared: _Prepared | None) -> ParametricSolver:
-        """Return the solver on the mesh of the prepared motion, or on an even mesh; cached.
-
-        Its cost is scaled at the prepared motion, or at the cubic of the solver's own via points.
-        """
-        key, settings = prepared is not None, self._solver_settings
-        if key in self._solvers:
-            return self._solvers[key]
-        if prepared is None:
-            mesh = [int(self._settings.mesh or FULL_MESH)] * len(self._phases)
-            solver = ParametricSolver(self._kernels, mesh, settings)
-            problem = MotionProblem.through(LimitFamily.of(self.robot), self.via_q, self._settings)
-            start = problem.drawn(0)
-            assert start is not None
-            first = start.guesses
-        else:
-            first = prepared.reference
-            meshes = [phase.mesh for phase in first.phases]
-            kernels = self._fitted(prepared.kernels, meshes, first)
-            solver = ParametricSolver(kernels, meshes, settings)
-        solver.scale_cost(first)
-        if not deadline.over():
-            self._solvers[key] = solver
-        return solver
+    # Concurrent first calls each find their own motion, and the last one is kept: no call waits for
+    # another beyond its own time limit.
 
     def _under_own_limits(self) -> _Prepared:
         family = LimitFamily.of(self.robot)
@@ -593,57 +525,10 @@ class TimeOptimalSolver:
         for start in initial_guesses(*task, moving=moving):
             yield start.name, start.guesses
 
-    def _fitted(
-        self, kernels: Transcription, meshes: Sequence[FloatArray], near: Solution
-    ) -> Transcription:
-        dry = dry_friction(self.robot) > 0.0
-        return with_windows(dry, kernels, meshes, near) if dry.any() else kernels
-
-    def _refined(
-        self,
-        problem: MotionProblem,
-        solution: Solution,
-        changes: dict[str, Any],
-        kernels: Transcription,
-    ) -> Solution:
-        """Split intervals with an exceeded limit or a worthwhile switch; keep the best answer.
-
-        The first mesh was made for another motion: if accelerations jump, a denser one that follows
-        them comes first. An answer is kept if it is no worse than the one before.
-        """
-        gained, dry = np.inf, dry_friction(self.robot) > 0.0
-        fine = 0 if problem.family.jerk_matters else 2 * (self._settings.mesh or FULL_MESH)
-        for _ in range(self._rounds if solution.status.solved else 0):
-            excess = problem.excess(solution)
-            bad = [e > problem.settings.limit_tolerance for e in excess]
-            if gained > LEAST_GAIN * solution.duration:
-                switches = switch_marks(problem.family, solution)
-                turns = (reversals(phase["qd"], dry) for phase in solution.phases)
-                marks = zip(bad, switches, turns, strict=True)
-                bad = [b | (s | t)[:, None] for b, s, t in marks]
-            if fine:
-                meshes, fine = [graded(phase, fine) for phase in solution.phases], 0
-            elif any(rows.any() for rows in bad):
-                marked = zip(solution.phases, bad, strict=True)
-                meshes = [split(phase.mesh, rows) for phase, rows in marked]
-            else:
-                break
-            if deadline.over():
-                break
-            fitted = self._fitted(kernels, meshes, solution)
-            solver = ParametricSolver(fitted, meshes, self._solver_settings)
-            finer = solver.solve(guess=solution, **changes)
-            # An excess over limits shortens a motion, so costs compare only at equal excess.
-            better = largest(problem.excess(finer)) < largest(excess)
-            if not finer.status.solved or not (better or finer.cost <= solution.cost * (1 + WORSE)):
-                break
-            gained, solution = solution.duration - finer.duration, finer
-        return solution
-
     def _changes(
-        self, problem: MotionProblem, payload: float, smoothing: float, moving: _StateAtStart | None
-    ) -> dict[str, Any]:
-        numbers = {"payload": payload, JERK_WEIGHT: smoothing}
+        self, problem: MotionProblem, numbers: Mapping[str, float], moving: _StateAtStart | None
+    ) -> list[dict[str, Any]]:
+        """Return the numbers of each phase of the program with states."""
         size, via = problem.scale, problem.via
         family, own = with_locked_joints_held(problem.family), LimitFamily.of(self.robot)
         declared = {c.name for c in self._kernels.problem.phases[0].constraints}
@@ -659,29 +544,30 @@ class TimeOptimalSolver:
         def at(point: FloatArray) -> dict[str, Any]:
             return {"q": (point - free, point + free)} if not free.all() else {}
 
-        initial = dict(zip(self._phases, map(at, via[:-1]), strict=True))
-        first = self._phases[0]
-        initial[first] = {"q": via[0]}
-        bounds = dict.fromkeys(self._phases, pairs)
+        changes: list[dict[str, Any]] = [
+            {
+                "initial": at(start),
+                "bounds": pairs,
+                "parameters": numbers,
+                "durations": (shortest, longest),
+            }
+            for start, shortest, longest in zip(via, size.shortest, size.longest, strict=False)
+        ]
+        changes[-1]["final"] = at(via[-1])
+        first = changes[0]
+        first["initial"] = {"q": via[0]}
         if moving is not None:
             names = {key: key if key in OF_VARIABLES else family[key].name for key in moving.bounds}
             widened = {
                 names[key]: bounds_in_program(own[key], pair) for key, pair in moving.bounds.items()
             }
-            bounds[first] = pairs | {name: widened[name] for name in pairs if name in widened}
-            initial[first]["qd"] = moving.state.qd[0]
+            first["bounds"] = pairs | {name: widened[name] for name in pairs if name in widened}
+            first["initial"]["qd"] = moving.state.qd[0]
             if family.jerk_matters:
                 qdd = moving.state.qdd[0]
                 slack = free if moving.acceleration_given else np.inf
-                initial[first]["qdd"] = (qdd - slack, qdd + slack)
-        durations = zip(size.shortest.tolist(), size.longest.tolist(), strict=True)
-        return {
-            "initial": initial,
-            "final": {self._phases[-1]: at(via[-1])},
-            "bounds": bounds,
-            "parameters": dict.fromkeys(self._phases, numbers),
-            "durations": dict(zip(self._phases, durations, strict=True)),
-        }
+                first["initial"]["qdd"] = (qdd - slack, qdd + slack)
+        return changes
 
     def _check_kinds(self, family: LimitFamily) -> None:
         """Raise InputError if more than the numbers of limits change: expressions are built in."""
@@ -715,7 +601,7 @@ class TimeOptimalSolver:
     def __getstate__(self) -> dict[str, Any]:
         base = self._own
         plain = base and (_plain_of(base.reference, base.kernels.problem.phases), base.smoothing)
-        return vars(self) | {"_own": plain, "_kernels": None, "_solvers": {}}
+        return vars(self) | {"_own": plain, "_kernels": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)

@@ -229,7 +229,7 @@ def to_full_mesh(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
     finer = partial(_finer, subject, FULL_MESH, Level.FULL, **more)
     is_guided = search.problem.timed_path is not None
     if is_guided:  # a small barrier parameter shortens steps near many distance constraints
-        refiner = replace(refiner, settings=_from_barrier(refiner, TIMED_PATH_BARRIER))
+        refiner = replace(refiner, settings=from_barrier(refiner, TIMED_PATH_BARRIER))
     if is_guided or not jumps:
         solution = refiner.finer(before, meshes)
         if refiner.fitted is not None and solution is not before:
@@ -244,14 +244,14 @@ def to_full_mesh(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
             return finer(solution, refiner)
     # A warm start with multipliers needs a barrier parameter that matches the mesh error: a smaller
     # one keeps the iterates too near to bounds that are active on the coarse mesh only.
-    settings, once = _from_barrier(refiner, FAR_BARRIER), len(before.phases) <= MANY_PHASES
+    settings, once = from_barrier(refiner, FAR_BARRIER), len(before.phases) <= MANY_PHASES
     if once:
         settings = _at_most(settings, USUAL_ITERATIONS)
     farther = replace(refiner, settings=settings, once=once)
     return finer(farther.finer(before, meshes), refiner)
 
 
-def _from_barrier(refiner: Refiner, barrier: float) -> SolverSettings:
+def from_barrier(refiner: Refiner, barrier: float) -> SolverSettings:
     """Return settings of a warm start that begins at a barrier parameter."""
     options = {**refiner.settings.options.get("ipopt", {}), "mu_init": barrier}
     return replace(refiner.settings, options={"ipopt": options})
@@ -362,7 +362,7 @@ def less_smoothing(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
     """Solve with less smoothing on the same mesh; later solves keep the weight."""
     refiner, meshes = _going_on(subject), [phase.mesh for phase in subject.solution.phases]
     finer, weight = _less_smoothed(search, refiner)
-    settings = _at_most(_from_barrier(finer, REDUCED_BARRIER), USUAL_ITERATIONS)
+    settings = _at_most(from_barrier(finer, REDUCED_BARRIER), USUAL_ITERATIONS)
     solution = replace(finer, settings=settings).solve(meshes, subject.solution)
     search.progress(f"smoothed less: {solution.duration:.6f} s, {solution.status}")
     if solution.status.solved and solution.duration >= subject.duration:
@@ -398,7 +398,7 @@ def split_where_exceeded(search: MotionSearch, subject: MotionAnswer) -> MotionA
         # The last refinement of a mesh gains almost nothing and may take a thousand iterations.
         refiner = replace(refiner, once=True, settings=_at_most(refiner.settings, USUAL_ITERATIONS))
     if is_guided:  # a failed solve is repeated from a larger barrier
-        farther = _from_barrier(refiner, TIMED_PATH_BARRIER)
+        farther = from_barrier(refiner, TIMED_PATH_BARRIER)
         refiner = replace(refiner, settings=farther)
     best = refiner.refine(best, **marks)
     return _finer(subject, SPLIT, Level.SPLIT, best, refiner, **_kept(search, best))
