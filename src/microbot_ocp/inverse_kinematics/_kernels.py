@@ -20,6 +20,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp._base.fast_calls import FastCall, deferred_call
+from microbot_ocp._base.ipopt import ipopt
 from microbot_ocp._base.quasi_random import evenly_spread_step
 from microbot_ocp._base.threads import cached_in_thread
 from microbot_ocp.robot import Robot, forward_kinematics, jacobian, solve_symmetric
@@ -28,16 +29,11 @@ TINY = 1e-300  # summand that keeps a divisor above zero
 RANK_TOLERANCE = 1e-5  # singular value that counts as zero, per largest
 
 IPOPT_OPTIONS = {
-    "ipopt.print_level": 0,
-    "ipopt.sb": "yes",
-    "ipopt.tol": 1e-12,
-    "ipopt.acceptable_tol": 1e-9,
-    "ipopt.max_iter": 100,
-    "ipopt.bound_relax_factor": 0.0,
-    "print_time": False,
-    "calc_lam_p": False,
-    "error_on_fail": False,
-    "show_eval_warnings": False,
+    "tol": 1e-12,
+    "acceptable_tol": 1e-9,
+    "acceptable_iter": 15,
+    "max_iter": 100,
+    "bound_relax_factor": 0.0,
 }
 
 
@@ -226,7 +222,7 @@ def nearest_pose_nlp(robot: Robot, width: int) -> ca.Function:
         # 3 - trace = 2 (1 - cos angle) is smooth and has its minimum at angle zero.
         cost += weight**2 * (3 - ca.trace(turn))
     program = {"x": q, "p": ca.vertcat(target, weight), "f": cost}
-    return ca.nlpsol("nearest_pose", "ipopt", program, IPOPT_OPTIONS)
+    return ipopt("nearest_pose", program, IPOPT_OPTIONS)
 
 
 @cached_in_thread(maxsize=64)
@@ -251,4 +247,4 @@ def nearest_joints_nlp(robot: Robot, width: int, rank: int) -> ca.Function:
         "f": ca.sumsqr((q - wanted) / ca.DM(joint_scale(robot))) / 2,
         "g": combinations @ equations,
     }
-    return ca.nlpsol("nearest_joints", "ipopt", program, IPOPT_OPTIONS)
+    return ipopt("nearest_joints", program, IPOPT_OPTIONS)

@@ -20,6 +20,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.ipopt import ipopt
 from microbot_ocp.ocp.diagnosis._finiteness import finite_start
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.solution import Solution, unpack
@@ -280,16 +281,9 @@ class _ElasticProgram:
             "nlp_grad_f": ca.Function("nlp_grad_f", [v, p], [cost, ca.MX(slope)]),
             "nlp_hess_l": ca.Function("nlp_hess_l", [v, p, lam_f, lam_g], [hessian]),
         }
-        options = {
-            "print_time": False,
-            "calc_lam_p": False,
-            "calc_lam_x": False,
-            "no_nlp_grad": True,
-            "error_on_fail": False,
-            "cache": cache,
-            "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-7, "max_iter": max_iterations},
-        }
-        return ca.nlpsol("elastic", "ipopt", {"x": v, "p": p, "f": cost, "g": limits}, options)
+        elastic = {"x": v, "p": p, "f": cost, "g": limits}
+        options = {"tol": 1e-7, "max_iter": max_iterations}
+        return ipopt("elastic", elastic, options, no_nlp_grad=True, cache=cache)
 
     def solve(self, x: FloatArray, allowed: np.ndarray) -> tuple[bool, FloatArray, FloatArray]:
         """Return convergence, variables with slacks, and multipliers of the rows."""

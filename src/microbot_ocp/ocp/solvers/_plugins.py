@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import os
-import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache, partial
@@ -19,8 +18,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from microbot_ocp._base import checks, deadline
+from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.ipopt import USUAL, ipopt, time_limits
 from microbot_ocp.ocp.solution import Watch
 from microbot_ocp.ocp.solvers._ldl import as_ipopt_knows, check_linear_solver
 from microbot_ocp.ocp.transcription import Program
@@ -103,20 +103,6 @@ FATROP_OPTIONS = {
     "mu_linear_decrease_factor": 0.5,
     "print_level": 0,
 }
-# MUMPS by default pairs pivots before it orders them, which fills the factors of linked phases:
-# three iterations of delta_launch (benchmarks/suite) take 0.4 s instead of 0.06 s, others minutes.
-# Its default memory is eleven times the estimate, and each factorisation pays for new pages: 13 %
-# more time in a free motion of six joints. IPOPT requests more if twice the estimate is too
-# little.
-IPOPT_OPTIONS = {
-    "print_level": 0,
-    "sb": "yes",
-    "mumps_pivtol": 1e-7,
-    "mumps_permuting_scaling": 0,
-    "mumps_pivot_order": 0,
-    "mumps_mem_percent": 100,
-    "acceptable_iter": 0,  # a point at IPOPT's acceptable level is no optimum
-}
 WARM_PUSHES = (
     "warm_start_bound_push",
     "warm_start_bound_frac",
@@ -148,29 +134,19 @@ def create(
     IPOPT stops after ``seconds`` of processor time, or at the wall time of the deadline.
     """
     _keep_to_one_thread()
-    common: dict[str, Any] = {
-        "print_time": False,
-        "calc_lam_p": False,
-        "calc_lam_x": False,
-        "error_on_fail": False,
-        "show_eval_warnings": False,  # the advice reports failed evaluations
-    }
     make = {"fatrop": _fatrop, "ipopt": _ipopt, "sqp": _sqp}[name]
     functions = _with_scaled_cost(program)
     plugin, options, cache = make(program, functions, settings, variant)
     cache["nlp_grad"] = functions["lagrangian"]
-    if name == "ipopt" and np.isfinite(seconds):
-        wall = max(deadline.until() - time.perf_counter(), 1e-3)
-        timed = {"max_cpu_time": max(seconds, 1e-3), **options["ipopt"]}
-        if np.isfinite(wall):
-            timed = {"max_wall_time": wall, **timed}
-        options = {**options, "ipopt": timed}
     if watch is not None:
         options, cache = watch.hooked(options, cache)
     nlp = {**program.nlp, "f": program.nlp["f"] / program.cost_scale}
     if name == "fatrop":  # its line search would never end at values that are not finite
         nlp = {**nlp, "f": ca.fmin(nlp["f"], FAR), "g": ca.fmin(nlp["g"], FAR)}
-    return ca.nlpsol(name, plugin, nlp, {**common, **options, "cache": cache})
+    if name == "ipopt":
+        own = time_limits(seconds) | options.pop("ipopt")
+        return ipopt(name, nlp, own, **options, cache=cache)
+    return ca.nlpsol(name, plugin, nlp, {**USUAL, **options, "cache": cache})
 
 
 @lru_cache(maxsize=1)
@@ -249,7 +225,6 @@ def _finite(function: ca.Function) -> ca.Function:
 
 def _ipopt(_: Program, functions: Functions, settings: SolverSettings, warm: bool) -> Plugin:
     options: dict[str, Any] = {
-        **IPOPT_OPTIONS,
         "tol": settings.tolerance,
         "max_iter": settings.max_iterations,
     }

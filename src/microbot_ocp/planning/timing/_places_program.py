@@ -20,6 +20,7 @@ import numpy as np
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import compile_functions
+from microbot_ocp._base.ipopt import ipopt, time_limits
 from microbot_ocp.limits import LimitFamily, Member
 from microbot_ocp.ocp.solvers import as_ipopt_knows
 
@@ -339,34 +340,16 @@ class PlacesProgram:
             ),
         }
         options: dict[str, Any] = {
-            "print_level": 0,
-            "sb": "yes",
             "tol": IPOPT_TOLERANCE,
             "max_iter": MOST_ITERATIONS,
-            "mumps_permuting_scaling": 0,
-            "mumps_pivot_order": 0,
-            "acceptable_iter": 0,
             "linear_solver": linear_solver,
             "bound_push": barrier,
             "bound_frac": barrier,
             "mu_init": barrier,
         }
-        if np.isfinite(deadline.left()):
-            options["max_wall_time"] = max(deadline.left(), 1e-3)
-        return ca.nlpsol(
-            "timing",
-            "ipopt",
-            {"x": self.x, "p": self.p, "f": self.cost, "g": g},
-            {
-                "print_time": False,
-                "calc_lam_p": False,
-                "calc_lam_x": False,
-                "error_on_fail": False,
-                "show_eval_warnings": False,
-                "ipopt": as_ipopt_knows(options),
-                "cache": cache,
-            },
-        )
+        program = {"x": self.x, "p": self.p, "f": self.cost, "g": g}
+        options = as_ipopt_knows(options) | time_limits(deadline.left())
+        return ipopt("timing", program, options, cache=cache)
 
 
 @lru_cache(maxsize=8)
