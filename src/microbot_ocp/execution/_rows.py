@@ -139,9 +139,7 @@ def _of_table(text: str, robot: Robot) -> CommandRows:
     has_marks = heads[-1].strip() == "mark" and "mark" not in names
     count, width = robot.joint_count, len(heads) - has_marks
     named = not _is_number(heads[0])
-    parsed = [_parsed(head, names) for head in heads[:width]] if named else []
-    known = _renamed([joint for _, joint, _ in parsed[1:]], robot)
-    parsed[1:] = [(key, name, unit) for (key, _, unit), name in zip(parsed[1:], known, strict=True)]
+    parsed = _parsed_heads(heads[:width], robot) if named else []
     by_names = any(key or joint in names for key, joint, _ in parsed[1:])
     if not by_names and width not in (1 + count * np.arange(1, 5)):
         raise InputError(
@@ -158,16 +156,26 @@ def _of_table(text: str, robot: Robot) -> CommandRows:
     present = [key for key in KEYS if (key, 0) in order]
     columns = [[order[key, joint] for joint in range(count)] for key in present]
     given: Any = {key: values[:, places] for key, places in zip(present, columns, strict=True)}
-    marks: list[Mark] = []
-    if has_marks:
-        texts = [row[-1] for row in csv.reader(lines[first:]) if row]
-        times = (values[:, 0] - values[0, 0]).tolist()
-        marks = [
-            _mark(text, time)
-            for time, several in zip(times, texts, strict=True)
-            for text in filter(None, several.split("; "))
-        ]
-    return CommandRows(values[:, 0], **given, marks=tuple(marks))
+    marks = _marks_of(lines[first:], values[:, 0]) if has_marks else ()
+    return CommandRows(values[:, 0], **given, marks=marks)
+
+
+def _parsed_heads(heads: Sequence[str], robot: Robot) -> list[tuple[str | None, str, str | None]]:
+    """Return quantity, joint and unit of each head, with the robot's own names of joints."""
+    parsed = [_parsed(head, robot.joint_names) for head in heads]
+    known = _renamed([joint for _, joint, _ in parsed[1:]], robot)
+    rows = zip(parsed[1:], known, strict=True)
+    return [*parsed[:1], *((key, name, unit) for (key, _, unit), name in rows)]
+
+
+def _marks_of(lines: Sequence[str], times: FloatArray) -> tuple[Mark, ...]:
+    """Return the marks in the last column of rows at the given times [N]."""
+    texts = [row[-1] for row in csv.reader(lines) if row]
+    return tuple(
+        _mark(text, time)
+        for time, several in zip((times - times[0]).tolist(), texts, strict=True)
+        for text in filter(None, several.split("; "))
+    )
 
 
 def _parsed(head: str, names: Sequence[str]) -> tuple[str | None, str, str | None]:

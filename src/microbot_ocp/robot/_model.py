@@ -179,10 +179,7 @@ class Robot(HintingOfArms):
         table = _columns(alpha=alpha, a=a, d=d, theta_offset=theta_offset, beta=beta)
         count = table["alpha"].size
         types: tuple[JointType, ...] = _joint_types(joint_type, count)
-        names = tuple(joint_names or (f"joint {i + 1}" for i in range(count)))
-        all_text = all(isinstance(entry, str) and entry for entry in names)
-        if not all_text or len(names) != count or len(set(names)) != count:
-            raise InputError(f"joint_names must be {count} different names, not {list(names)}")
+        names = _joint_names(joint_names, count)
         for key, text in (("name", name), ("description", description)):
             if not isinstance(text, str):
                 raise InputError(f"{key} must be text, not {text!r}")
@@ -619,6 +616,14 @@ def _joint_types(joint_type: Any, count: int) -> tuple[JointType, ...]:
     for entry in types:
         checks.one_of("joint_type", entry, get_args(JointType))
     return types
+
+
+def _joint_names(given: Sequence[str] | None, count: int) -> tuple[str, ...]:
+    names = tuple(given or (f"joint {i + 1}" for i in range(count)))
+    all_text = all(isinstance(entry, str) and entry for entry in names)
+    if not all_text or len(names) != count or len(set(names)) != count:
+        raise InputError(f"joint_names must be {count} different names, not {list(names)}")
+    return names
 
 
 def _joint_limits(limits: Any, count: int) -> JointLimits:

@@ -8,7 +8,7 @@ read here, with the reason.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -101,13 +101,8 @@ def _solids(row: Any, base: FloatArray) -> Iterator[tuple[str, FloatArray, Float
         yield kind, size[::-1] if kind == "cylinder" else size, place @ _pose(placed)
 
 
-def _touching(
-    matrix: Any, objects: Mapping[str, list[Obstacle]], robot: Robot | None
-) -> Iterator[tuple[str, str]]:
-    """Yield the pairs of links and obstacles, and of two links, that a matrix allows to touch.
-
-    Links without geometry cannot touch; they are left out if the robot names its links.
-    """
+def _allowed(matrix: Any) -> tuple[Sequence[str], Sequence[Sequence[Any]]]:
+    """Return the names of a matrix, and its rows of pairs that are allowed to touch."""
     names, rows = _of(matrix, "entry_names", ()), _of(matrix, "entry_values", ())
     table = [_of(row, "enabled", ()) if isinstance(row, Mapping) else row for row in rows]
     if {len(names)} != {len(table), *map(len, table)}:
@@ -115,6 +110,17 @@ def _touching(
             f"allowed_collision_matrix.entry_values must have {len(names)} rows of {len(names)}, "
             "as many as entry_names"
         )
+    return names, table
+
+
+def _touching(
+    matrix: Any, objects: Mapping[str, list[Obstacle]], robot: Robot | None
+) -> Iterator[tuple[str, str]]:
+    """Yield the pairs of links and obstacles, and of two links, that a matrix allows to touch.
+
+    Links without geometry cannot touch; they are left out if the robot names its links.
+    """
+    names, table = _allowed(matrix)
     links, bare, disabled = set[str](), set[str](), set[frozenset[str]]()
     if names and robot is not None:
         links = {capsule.name for _, capsule in with_arm_capsules(robot).capsules}

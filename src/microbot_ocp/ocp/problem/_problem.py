@@ -341,18 +341,7 @@ class OptimalControlProblem(Hinting, Portable):
                 "one link()"
             )
         jumps = jumps or {}
-        if names is None:
-            # A state whose start is an expression is already determined.
-            tied = {*(c.name for c in after.point_constraints), *(f"start of {k}" for k in jumps)}
-            states = (v.name for v in before.states if f"start of {v.name}" not in tied)
-            names = [name for name in states if name in sizes_after]
-            if not names and not jumps and not tied:
-                raise InputError(
-                    f"phases {before.name!r} and {after.name!r} have no state in common to be "
-                    f"linked: {', '.join(sizes)} and {', '.join(sizes_after)}; give "
-                    "initial=before.final(state) to the states of the second, or names=()"
-                )
-        chosen = tuple(names)
+        chosen = tuple(_common_states(before, after, jumps) if names is None else names)
         for name in chosen:
             if name not in sizes or sizes[name] != sizes_after.get(name):
                 raise InputError(
@@ -378,38 +367,40 @@ class OptimalControlProblem(Hinting, Portable):
                     "names=() if nothing is continuous"
                 )
         for phase in self.phases:
-            if not phase.states:
-                raise InputError(f"phase {phase.name!r} has no states")
-            for state in phase.states:
-                if state.name not in phase.derivatives:
-                    sentence = f"state {state.name!r} of phase {phase.name!r} has no dynamics"
-                    raise InputError(sentence)
-            limits = [c.expression for c in (*phase.constraints, *phase.end_constraints)]
-            costs = [*phase.running_costs, *phase.end_costs]
-            slopes = phase.derivatives.values()
-            used = ca.vertcat(*slopes, *limits, *costs, *phase.algebraic_equations)
-            _check_symbols(phase, used)
-            points = (c.expression for c in (*phase.point_constraints, *phase.point_costs))
-            every = ca.vertcat(used, *points)
-            refuse_indices(f"phase {phase.name!r}", every)
-            refuse_without_derivatives(f"phase {phase.name!r}", every)
-            unknowns = sum(v.size for v in phase.algebraics)
-            equations = sum(e.shape[0] for e in phase.algebraic_equations)
-            if unknowns != equations:
-                raise InputError(
-                    f"phase {phase.name!r} has {unknowns} algebraic variables but {equations} "
-                    "algebraic equations"
-                )
-            for control in phase.controls:
-                rate = phase.rates.get(control.name, control.symbol)
-                if not (ca.depends_on(used, control.symbol) or ca.depends_on(used, rate)):
-                    raise InputError(
-                        f"control {control.name!r} of phase {phase.name!r} appears nowhere"
-                    )
+            _check_phase(phase)
         names = {v.name for phase in self.phases for v in phase.free_parameters}
         for free in self.free_parameters:
             if free.name not in names:
                 raise InputError(f"free parameter {free.name!r} appears nowhere")
+
+
+def _check_phase(phase: Phase) -> None:
+    """Raise InputError if the declaration of a phase is incomplete."""
+    if not phase.states:
+        raise InputError(f"phase {phase.name!r} has no states")
+    for state in phase.states:
+        if state.name not in phase.derivatives:
+            raise InputError(f"state {state.name!r} of phase {phase.name!r} has no dynamics")
+    limits = [c.expression for c in (*phase.constraints, *phase.end_constraints)]
+    costs = [*phase.running_costs, *phase.end_costs]
+    slopes = phase.derivatives.values()
+    used = ca.vertcat(*slopes, *limits, *costs, *phase.algebraic_equations)
+    _check_symbols(phase, used)
+    points = (c.expression for c in (*phase.point_constraints, *phase.point_costs))
+    every = ca.vertcat(used, *points)
+    refuse_indices(f"phase {phase.name!r}", every)
+    refuse_without_derivatives(f"phase {phase.name!r}", every)
+    unknowns = sum(v.size for v in phase.algebraics)
+    equations = sum(e.shape[0] for e in phase.algebraic_equations)
+    if unknowns != equations:
+        raise InputError(
+            f"phase {phase.name!r} has {unknowns} algebraic variables but {equations} "
+            "algebraic equations"
+        )
+    for control in phase.controls:
+        rate = phase.rates.get(control.name, control.symbol)
+        if not (ca.depends_on(used, control.symbol) or ca.depends_on(used, rate)):
+            raise InputError(f"control {control.name!r} of phase {phase.name!r} appears nowhere")
 
 
 def _check_symbols(phase: Phase, used: ca.MX) -> None:
@@ -496,6 +487,23 @@ def tied_controls(phase: Phase) -> set[str]:
         if ca.sprank(slopes[:, [*tied, int(column)]]) > len(tied):
             tied.append(int(column))
     return {owners[column].name for column in tied}
+
+
+def _common_states(before: Phase, after: Phase, jumps: Mapping[str, ca.MX]) -> list[str]:
+    """Return the states of two phases that are continuous unless others are named."""
+    # A state whose start is an expression is already determined.
+    tied = {*(c.name for c in after.point_constraints), *(f"start of {k}" for k in jumps)}
+    there = [v.name for v in node_variables(after)]
+    states = (v.name for v in before.states if f"start of {v.name}" not in tied)
+    names = [name for name in states if name in there]
+    if not names and not jumps and not tied:
+        known = ", ".join(v.name for v in node_variables(before))
+        raise InputError(
+            f"phases {before.name!r} and {after.name!r} have no state in common to be linked: "
+            f"{known} and {', '.join(there)}; give initial=before.final(state) to the states of "
+            "the second, or names=()"
+        )
+    return names
 
 
 def with_phases(problem: OptimalControlProblem, phases: Iterable[Phase]) -> OptimalControlProblem:

@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from microbot_ocp._base.checks import InputError, shown
+from microbot_ocp._base.checks import FloatArray, InputError, shown
 from microbot_ocp._base.relations import ORDERS, RELATIONS, TABLES, is_relation
 from microbot_ocp.ocp.problem._items import Bound, PathConstraint, converted, limit_of, moving
 
@@ -139,26 +139,14 @@ def _limits_of(
         for k in range(relation.n_dep()):
             yield from _limits_of(name, relation.dep(k), scale, unit)
         return
-    equal = relation.op() == ca.OP_EQ
-    if not equal and relation.op() not in ORDERS:  # < is treated as <=: feasible sets are closed
-        raise InputError(
-            f"constraint {name!r} cannot be {relation}: a constraint is made of <=, >= and =="
-        )
-    sides = [relation.dep(0), relation.dep(1)] if equal else _chain(relation)
-    for side in sides:
-        if is_relation(side):
-            raise InputError(f"constraint {name!r} compares a relation, {side}, with something")
-    sides = [ca.vec(side) for side in sides]
+    equal, sides = relation.op() == ca.OP_EQ, _sides_of(name, relation)
     size = max(side.shape[0] for side in sides)
 
     def limit(side: ca.MX, lower: ArrayLike, upper: ArrayLike) -> PathConstraint:
         column = side if side.shape[0] == size else ca.repmat(side, size, 1)
         return limit_of(name, column, lower, upper, scale, unit)
 
-    numbers = [
-        None if ca.symvar(side) else np.array(ca.evalf(side)).ravel() * np.ones(size)
-        for side in sides
-    ]
+    numbers = [_number(side, size) for side in sides]
     if len(sides) == 3 and numbers[0] is not None and numbers[2] is not None:
         yield limit(sides[1], numbers[0], numbers[2])
         return
@@ -169,6 +157,25 @@ def _limits_of(
             yield limit(second, low, low if equal else np.inf)
         else:
             yield limit(first - second, 0.0 if equal else -np.inf, 0.0)
+
+
+def _sides_of(name: str, relation: ca.MX) -> list[ca.MX]:
+    """Return the sides of an equation or of a chain of inequalities in order, as columns."""
+    equal = relation.op() == ca.OP_EQ
+    if not equal and relation.op() not in ORDERS:  # < is treated as <=: feasible sets are closed
+        raise InputError(
+            f"constraint {name!r} cannot be {relation}: a constraint is made of <=, >= and =="
+        )
+    sides = [relation.dep(0), relation.dep(1)] if equal else _chain(relation)
+    for side in sides:
+        if is_relation(side):
+            raise InputError(f"constraint {name!r} compares a relation, {side}, with something")
+    return [ca.vec(side) for side in sides]
+
+
+def _number(side: ca.MX, size: int) -> FloatArray | None:
+    """Return the value [size] of a side without symbols, else None."""
+    return None if ca.symvar(side) else np.array(ca.evalf(side)).ravel() * np.ones(size)
 
 
 def _chain(relation: ca.MX) -> list[ca.MX]:

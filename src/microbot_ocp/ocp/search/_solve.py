@@ -164,27 +164,17 @@ def solve(
 
 def _searched(task: SolveTask) -> Solution:
     """Return the solution of the first strategy that is final, or the best one of all."""
-    settings, guess = task.settings, task.guess
-    journal = task.journal
+    settings, journal = task.settings, task.journal
     best: Solution | None = None
     unconverged: tuple[Solution, SolveContext] | None = None
     refused: InputError | None = None
     for strategy in STRATEGIES[: 1 if task.alone else None]:
         if (best or unconverged) and task.over:
             break
-        mark, began, last = len(journal.rows), time.perf_counter(), None
+        mark, began = len(journal.rows), time.perf_counter()
         tried: list[Attempt] = []
-        try:
-            for start in strategy.propose(task, tried):
-                solution = start.context.solve(start.mesh, start.guess, uneven=start.uneven)
-                tried += named(strategy.name, solution.attempts)
-                last = solution, start
-                if solution.status in ENDED:
-                    break
-        except NotFinite as not_finite:
-            if task.alone or guess is not None:
-                raise
-            refused = refused or not_finite
+        last, not_finite = _run(task, strategy, tried)
+        refused = refused or not_finite
         if last is None:
             journal.attempts.extend(tried)
             continue
@@ -208,6 +198,28 @@ def _searched(task: SolveTask) -> Solution:
         solution, context = unconverged
         best = task.judged(solution, context)[0]
     return _ended(task, journal.closed(best))
+
+
+def _run(
+    task: SolveTask, strategy: Strategy, tried: list[Attempt]
+) -> tuple[tuple[Solution, Start] | None, NotFinite | None]:
+    """Return the last solve of a strategy with its start, and the refusal of a default guess.
+
+    The first solve that converges ends the strategy. Attempts are appended to ``tried``.
+    """
+    last: tuple[Solution, Start] | None = None
+    try:
+        for start in strategy.propose(task, tried):
+            solution = start.context.solve(start.mesh, start.guess, uneven=start.uneven)
+            tried += named(strategy.name, solution.attempts)
+            last = solution, start
+            if solution.status in ENDED:
+                break
+    except NotFinite as not_finite:
+        if task.alone or task.guess is not None:
+            raise
+        return last, not_finite
+    return last, None
 
 
 def _with_accuracy(

@@ -167,7 +167,29 @@ class _Equation(NamedTuple):
     scale: ca.DM
 
 
-def _equation(layout: PhaseLayout, cost: bool) -> _Equation:
+class _IntervalData(NamedTuple):
+    """Data of an interval as one vector, and the values of a phase's symbols from them.
+
+    Attributes
+    ----------
+    data : MX
+    length, until : MX
+        Duration of the interval, s, and the share of it that is integrated.
+    values : list of (symbol, value)
+        Values at the fraction ``s`` of the interval.
+    guesses : MX
+        Part of the data with initial guesses of the algebraic variables.
+    """
+
+    data: ca.MX
+    length: ca.MX
+    until: ca.MX
+    values: list[tuple[ca.MX, ca.MX]]
+    guesses: ca.MX
+
+
+def _data_and_values(layout: PhaseLayout, share: ca.MX) -> _IntervalData:
+    """Return the data of an interval, and values at a share of the part that is integrated."""
     phase = layout.phase
     shapes = ("constant", "linear", "polynomial")
     constant, linear, polynomial = (_of_shape(phase, shape) for shape in shapes)
@@ -179,7 +201,6 @@ def _equation(layout: PhaseLayout, cost: bool) -> _Equation:
     data = ca.MX.sym("data", sum(sizes))
     parts = iter(ca.vertsplit(data, np.cumsum([0, *sizes]).tolist()))  # in the order of ``sizes``
     start, length, duration, until = (next(parts) for _ in range(4))
-    share = ca.MX.sym("s")
     s = share * until
     values_of = [(v.symbol, next(parts)) for v in (*phase.parameters, *constant)]
     begins, ends = [next(parts) for _ in linear], [next(parts) for _ in linear]
@@ -192,7 +213,12 @@ def _equation(layout: PhaseLayout, cost: bool) -> _Equation:
         values_of.append((variable.symbol, values @ ca.vertcat(*lagrange(places, s))))
     values_of += [(v.symbol, next(parts)) for v in phase.free_parameters]
     values_of += [(phase.time, start + s * length), (phase.duration, duration)]
+    return _IntervalData(data, length, until, values_of, ca.vertcat(*parts, ca.MX(0, 1)))
 
+
+def _equation(layout: PhaseLayout, cost: bool) -> _Equation:
+    phase, share = layout.phase, ca.MX.sym("s")
+    data, length, until, values_of, guesses = _data_and_values(layout, share)
     # Scaled states y = x / scale over the fraction s: dy/ds = until * length * f(x, z, u) / scale.
     x = ca.vertcat(*(v.symbol for v in phase.states))
     z = ca.vertcat(*(v.symbol for v in phase.algebraics), ca.MX(0, 1))
@@ -212,7 +238,7 @@ def _equation(layout: PhaseLayout, cost: bool) -> _Equation:
         dae["quad"] = reach * slope_of_cost
     if phase.algebraics:
         dae["z"], dae["alg"] = inner, residual
-    return _Equation(dae, ca.vertcat(*parts, ca.MX(0, 1)), scale)
+    return _Equation(dae, guesses, scale)
 
 
 INTEGRATION_TOLERANCE = 1e-11  # absolute tolerance of the scaled states, and relative tolerance

@@ -167,14 +167,7 @@ def _in_tables(robot: Robot, keys: tuple[str, ...], payload: bool) -> PointLimit
     jacobian = ca.vertcat(ca.SX(0, ORDERS * n), *(part.jacobian for part in parts))
     gradient = reduce(add, (part.gradient for part in parts), ca.SX(ORDERS * n, 1))
     hessian = reduce(add, (part.hessian for part in parts), ca.SX(ORDERS * n, ORDERS * n))
-    blocks = {
-        (d, e): hessian[d * n : (d + 1) * n, e * n : (e + 1) * n]
-        for d in range(ORDERS)
-        for e in range(d, ORDERS)
-    }
-    # The Hessian is symmetric and often sparse: keep the blocks d <= e that are not empty. One
-    # block remains in any case, so that outputs have a shape.
-    blocks = {pair: block for pair, block in blocks.items() if block.nnz() or pair == (0, 0)}
+    blocks = _blocks(hessian, n)
     by_order = [jacobian[:, d * n : (d + 1) * n] for d in range(ORDERS)]
     slopes = ca.vertcat(*map(_row_major, by_order))
     curvature = ca.vertcat(*map(_row_major, blocks.values()))
@@ -205,6 +198,19 @@ def _in_tables(robot: Robot, keys: tuple[str, ...], payload: bool) -> PointLimit
         tuple(blocks),
         np.array(inner, bool),
     )
+
+
+def _blocks(hessian: ca.SX, n: int) -> dict[tuple[int, int], ca.SX]:
+    """Return the blocks [n,n] of a symmetric matrix, on and above its diagonal, by place.
+
+    Empty blocks are left out; the first one always remains, so that outputs have a shape.
+    """
+    blocks = {
+        (d, e): hessian[d * n : (d + 1) * n, e * n : (e + 1) * n]
+        for d in range(ORDERS)
+        for e in range(d, ORDERS)
+    }
+    return {pair: block for pair, block in blocks.items() if block.nnz() or pair == (0, 0)}
 
 
 class _LimitRows(NamedTuple):

@@ -470,10 +470,7 @@ class LegPlanner:
         The most promising way comes first. Without a proof the search ends after the first round in
         which some way is complete.
         """
-        for task in tasks:
-            carried = [capsule.name for held in task.robots for _, capsule in held.capsules]
-            for name in sum(self.scene.ignore, ()):
-                checks.one_of("name in ignore", name, sorted({*carried, *self.scene.names}))
+        self._check_ignored(tasks)
         ways, refused = list[tuple[Task, Way, list[Leg | None]]](), None
         for task in tasks:
             try:
@@ -495,6 +492,13 @@ class LegPlanner:
             # The next seed may find a path, so without a complete way the searches go on.
             if complete or deadline.over():
                 return
+
+    def _check_ignored(self, tasks: Sequence[Task]) -> None:
+        """Raise InputError for an ignored pair with an unknown link or body."""
+        for task in tasks:
+            carried = [capsule.name for held in task.robots for _, capsule in held.capsules]
+            for name in sum(self.scene.ignore, ()):
+                checks.one_of("name in ignore", name, sorted({*carried, *self.scene.names}))
 
     def _search_legs(self, legs: Iterable[Leg], numbers: Sequence[int]) -> None:
         begin = time.perf_counter()

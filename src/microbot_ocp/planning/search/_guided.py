@@ -414,9 +414,7 @@ class GuidedSearch:
                 now = again or self.settled(self.coarse_step(more, finer))
             if known:
                 front, proofs = ([(0.0, known[0])], ""), [known[1]]
-            # Nothing is said about the clearance of a motion that is not accepted anyway.
-            rows = zip(front[0], proofs, strict=True)
-            proofs = [p if is_clear(p) or is_accepted(m) else None for (_, m), p in rows]
+            proofs = _of_accepted(front, proofs)
         return front, proofs
 
     def _along_itself(self, now: CoarseResult) -> CoarseResult:
@@ -520,6 +518,12 @@ class GuidedSearch:
             around, _, more_left_out = around.after(along, NEAR)
             left_out = left_out or more_left_out
         return around, left_out
+
+
+def _of_accepted(front: Front, proofs: Sequence[Clearance | None]) -> list[Clearance | None]:
+    """Return the proofs of motions that are clear or accepted, and None for the others."""
+    rows = zip(front[0], proofs, strict=True)
+    return [proof if is_clear(proof) or is_accepted(m) else None for (_, m), proof in rows]
 
 
 def _is_within(motion: Motion) -> bool:

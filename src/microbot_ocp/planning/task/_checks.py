@@ -423,18 +423,22 @@ def declare_limits(
                 value = _smooth_size(value, member.upper)
             declare(member.name, value, member.lower, member.upper, scale=scale)
             continue
-        value, lower, upper = expressions[key]
-        for side, sign, bound, size in (
-            ("lower", -1.0, lower, usual[key].lower),
-            ("upper", 1.0, upper, usual[key].upper),
-        ):
-            constant = not isinstance(bound, ca.MX)
-            if constant and not np.isfinite(bound).any():
-                continue
-            room = sign * (value - (ca.DM(bound) if constant else bound))
-            scale = finite_scale(np.ravel(size), np.ravel(size))
-            name = f"{member.name}, {side} limit"
-            declare(name, room, upper=0.0, scale=scale)
+        sizes = usual[key].lower, usual[key].upper
+        _declare_varying(declare, member.name, *expressions[key], sizes)
+
+
+def _declare_varying(
+    declare: Callable[..., Any], name: str, value: ca.MX, lower: Any, upper: Any, sizes: Any
+) -> None:
+    """Declare a limit whose bounds are expressions as one constraint for each bound."""
+    sides = ("lower", "upper"), (-1.0, 1.0), (lower, upper), sizes
+    for side, sign, bound, size in zip(*sides, strict=True):
+        constant = not isinstance(bound, ca.MX)
+        if constant and not np.isfinite(bound).any():
+            continue
+        room = sign * (value - (ca.DM(bound) if constant else bound))
+        scale = finite_scale(np.ravel(size), np.ravel(size))
+        declare(f"{name}, {side} limit", room, upper=0.0, scale=scale)
 
 
 def finite_scale(lower: FloatArray, upper: FloatArray) -> FloatArray:

@@ -353,22 +353,7 @@ def task_of(
     if cycle:
         given.append(given[0])
     kinds = list(segments) if segments is not None else [None] * (len(given) - 1)
-    if len(kinds) != len(given) - 1:
-        raise InputError(
-            f"segments must have {len(given) - 1} entries, one between two stops"
-            + (" and one back to the first" if cycle else "")
-            + f", not {len(kinds)}"
-        )
-    for k, kind in enumerate(kinds):
-        if kind is not None and not isinstance(kind, Line | Circle | JointLine):
-            raise InputError(
-                f"segment {k + 1} must be a Line, Circle or JointLine, or None where the way is "
-                f"free, not {kind!r}"
-            )
-        if isinstance(kind, JointLine) and any(s.q is None for s in given[k : k + 2]):
-            raise InputError(
-                f"{segment_name(kind, *given[k : k + 2])}: it needs a joint pose, q, at both ends"
-            )
+    _check_kinds(kinds, given, cycle)
     _check_stops(family, given, kinds, cycle)
     for kind, (before, after) in zip(kinds, itertools.pairwise(given), strict=True):
         if isinstance(kind, Line | Circle | JointLine):
@@ -379,6 +364,26 @@ def task_of(
         _check_put_down(task)
     _check_rests(task)
     return task
+
+
+def _check_kinds(kinds: Sequence[Segment], stops: Sequence[Stop], cycle: bool) -> None:
+    """Raise InputError unless the segments fit the stops, whose first is repeated in a cycle."""
+    if len(kinds) != len(stops) - 1:
+        raise InputError(
+            f"segments must have {len(stops) - 1} entries, one between two stops"
+            + (" and one back to the first" if cycle else "")
+            + f", not {len(kinds)}"
+        )
+    for k, kind in enumerate(kinds):
+        if kind is not None and not isinstance(kind, Line | Circle | JointLine):
+            raise InputError(
+                f"segment {k + 1} must be a Line, Circle or JointLine, or None where the way is "
+                f"free, not {kind!r}"
+            )
+        if isinstance(kind, JointLine) and any(s.q is None for s in stops[k : k + 2]):
+            raise InputError(
+                f"{segment_name(kind, *stops[k : k + 2])}: it needs a joint pose, q, at both ends"
+            )
 
 
 LOOSEST_TOLERANCE = 0.1  # largest radius of a ball or a tube, share of the reach

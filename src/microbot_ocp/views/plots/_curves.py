@@ -354,6 +354,13 @@ def _cut(axes: Axes, bound: float) -> None:
         axes.annotate(text, xytext=(-3, -3), path_effects=halo(), **CORNER, **note)
 
 
+def _name_of(robot: Robot, quantity: str, symbols: bool) -> str:
+    """Return the symbol or name of a quantity; a limit of the user's own has its own name."""
+    if quantity not in PLAIN:
+        return LimitFamily.of(robot)[quantity].name
+    return quantity if symbols else quantity_name(quantity)
+
+
 def _label_panels(
     page: Page, robot: Robot, quantities: Sequence[str], joints: Sequence[int], symbols: bool
 ) -> None:
@@ -363,9 +370,7 @@ def _label_panels(
     for row, quantity in zip(grid, quantities, strict=True):
         of_joints = scene.of_joints(robot, quantity)
         units = [scene.display_unit(robot, quantity, j if of_joints else 0) for j in joints]
-        name = quantity if symbols else quantity_name(quantity)
-        if quantity not in PLAIN:
-            name = LimitFamily.of(robot)[quantity].name
+        name = _name_of(robot, quantity, symbols)
         for panel, unit in zip(row, units, strict=True):
             repeated = page.is_new and not many and unit == units[0] and panel is not row[0]
             size = "small" if many else "medium"

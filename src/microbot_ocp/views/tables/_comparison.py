@@ -65,12 +65,6 @@ def comparison_table(comparison: Comparison) -> Table:
     rows = comparison_rows(comparison)
     kinds = dict.fromkeys(kind for row in rows for kind in row["utilisation"] if kind != "q")
     limited = [kind for kind in kinds if any(_known(row["utilisation"].get(kind)) for row in rows)]
-    verdicts = [
-        f"not solved: {row['status']}"
-        if row["duration"] is None
-        else row["verdict_short"] or "not checked"
-        for row in rows
-    ]
     pairs: list[tuple[Column, list[Any]]] = [
         (Column("method", left=True), [row["title"] for row in rows]),
         (Column("T", "s", ".3f"), [row["duration"] for row in rows]),
@@ -85,16 +79,26 @@ def comparison_table(comparison: Comparison) -> Table:
     pairs += [
         (Column("∫tau²", "(N m)² s", _significant), [row["torque_squared"] for row in rows]),
         (Column("work", "J", _significant), [row["work"] for row in rows]),
-        (Column("certificate", left=True), verdicts),
+        (Column("certificate", left=True), [_verdict(row) for row in rows]),
         (Column("solve", "s", _significant), [row["solve_time"] for row in rows]),
     ]
-    marks = [
-        "missing" if row["duration"] is None else "bad" if row["certificate_ok"] is False else ""
-        for row in rows
-    ]
+    marks = [_mark(row) for row in rows]
     columns, values = zip(*pairs, strict=True)
     cells, notes = list(zip(*values, strict=True)), list(_notes(comparison, rows))
     return Table(columns, cells, _title(comparison), notes, marks)
+
+
+def _verdict(row: Mapping[str, Any]) -> str:
+    if row["duration"] is None:
+        return f"not solved: {row['status']}"
+    return row["verdict_short"] or "not checked"
+
+
+def _mark(row: Mapping[str, Any]) -> str:
+    """Return the mark of a row in the table."""
+    if row["duration"] is None:
+        return "missing"
+    return "bad" if row["certificate_ok"] is False else ""
 
 
 def narrow_table(comparison: Comparison) -> Table:
