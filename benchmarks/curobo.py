@@ -25,6 +25,7 @@ CONDITIONS = (*OWN, "curobo", "curobo-torque")
 WIDENED = 0.2  # rad by which their benchmark widens the position limits
 ACCELERATION, JERK = 15.0, 500.0  # rad/s^2 and rad/s^3 of every joint
 PAYLOAD = 3.0  # kg, a point mass in the frame of the hand, whose origin is our tool
+DEVELOPING = 50  # last number of each family that served for development
 SHARES = (50, 75, 98)  # published percentiles of the motion time
 TITLES = {"curobo": "their limits", "curobo-torque": "with torque limits and 3 kg"}
 # Success in %, mean and percentiles of the motion time in s, median of the planning time in s on an
@@ -100,19 +101,35 @@ def torques(robot: mo.Robot, conditions: str, samples: Any) -> dict[str, float]:
     return found
 
 
+def sets(rows: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
+    """Return the rows of each arm, conditions and set of problems by their title, in order.
+
+    Problems that did not serve for development are a set of their own.
+    """
+    kinds = itertools.product(dict.fromkeys(r["robot"] for r in rows), CONDITIONS, (False, True))
+    found = {}
+    for robot, conditions, held_out in kinds:
+        own = [r for r in rows if (r["robot"], r["conditions"]) == (robot, conditions)]
+        own = [r for r in own if (r["number"] > DEVELOPING) == held_out]
+        if own:
+            numbers = [r["number"] for r in own]
+            title = conditions if robot == "panda" else f"{robot} {conditions}"
+            found[f"{title}, {min(numbers)} to {max(numbers)}"] = own
+    return found
+
+
 def comparison(rows: list[dict[str, Any]]) -> str:
     """Return our figures by conditions beside the published ones, as Markdown."""
     columns = {"": ["certified and clear", "solved", "motion time, mean, s"]}
     columns[""] += [*(f"{share} %" for share in SHARES), "torque, share of the limit", "search, s"]
-    robots = dict.fromkeys(r["robot"] for r in rows)
-    for robot, conditions in itertools.product(robots, CONDITIONS):
-        own = [r for r in rows if (r["robot"], r["conditions"]) == (robot, conditions)]
+    for title, own in sets(rows).items():
+        conditions = own[0]["conditions"]
         tried = [r for r in own if r["ends_free_by_meshes"]]
         found = certified(tried, conditions)
         if not found:
             continue
         times = np.array([r["duration"] for r in found])
-        columns[conditions if robot == "panda" else f"{robot} {conditions}"] = [
+        columns[title] = [
             f"{len(found)} of {len(tried)}",
             str(sum(r["outcome"] == "solved" for r in found)),
             *(f"{t:.3f}" for t in (times.mean(), *np.percentile(times, SHARES))),
@@ -121,6 +138,7 @@ def comparison(rows: list[dict[str, Any]]) -> str:
         ]
         if conditions in PUBLISHED:
             success, motion, search = PUBLISHED[conditions]
+            columns.pop(f"{conditions}, theirs", None)  # beside the last set
             columns[f"{conditions}, theirs"] = [f"{success} % of 2600", "-"]
             columns[f"{conditions}, theirs"] += [*(f"{t:.3f}" for t in motion), "-", f"{search}"]
     lines = [f"| {' | '.join(row)} |" for row in (columns, *zip(*columns.values(), strict=True))]
@@ -129,14 +147,13 @@ def comparison(rows: list[dict[str, Any]]) -> str:
 
 def families(rows: list[dict[str, Any]]) -> str:
     """Return medians by family and conditions, s, as Markdown: motion, first motion, search."""
-    kinds = list(dict.fromkeys((r["robot"], r["conditions"]) for r in rows))
-    lines = ["| family | " + " | ".join(" ".join(kind) for kind in kinds) + " |"]
-    lines.append("|---" * (len(kinds) + 1) + "|")
+    kinds = sets(rows)
+    lines = [f"| family | {' | '.join(kinds)} |", "|---" * (len(kinds) + 1) + "|"]
     for family in sorted({r["family"] for r in rows}):
         cells = []
-        for robot, conditions in kinds:
-            own = [r for r in rows if (r["robot"], r["family"]) == (robot, family)]
-            found = certified(own, conditions)
+        for own in kinds.values():
+            of_family = [r for r in own if r["family"] == family]
+            found = certified(of_family, own[0]["conditions"])
             keys = ("duration", "first", "processor")
             times = [np.median([r[key] for r in found if r[key] is not None]) for key in keys]
             cells.append("{:.3f}, {:.1f}, {:.1f}".format(*times) if found else "-")
@@ -153,8 +170,10 @@ def certified(rows: list[dict[str, Any]], conditions: str) -> list[dict[str, Any
 def draw(rows: list[dict[str, Any]], path: Path) -> None:
     """Draw shares of motions over the motion time and over the time of the search.
 
-    The published percentiles stand beside the motion times.
+    The published percentiles stand beside the motion times. Problems that did not serve for
+    development are drawn alone if the rows have any.
     """
+    rows = [r for r in rows if r["number"] > DEVELOPING] or rows
     with styled():
         figure = Figure((7.2, 2.7), layout="constrained")
         *axes, last = figure.subplots(1, 3, sharey=True)
