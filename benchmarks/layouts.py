@@ -19,15 +19,21 @@ from microbot_ocp.planning import TimeOptimalSettings
 from microbot_ocp.tasks import CellFile
 
 PLANAR = [[0.6, 0.3, 0.0], [0.5, -0.3, 0.0]]
+SPATIAL = [[0.3, 0.2, 0.2], [0.2, -0.3, 0.3]]
 BASE = dict.fromkeys(("base.x", "base.y"), (-0.2, 0.2))
 BALL = mo.Scene((mo.Sphere(np.array([0.72, 0.0, 0.0]), 0.15, "ball"),), 0.01)
 
 
-def cell(name: str, places: list[list[float]], **more: Any) -> CellFile:
+def cell(
+    name: str, places: list[list[float]], payload: float | None = None, **more: Any
+) -> CellFile:
     """Return a cell with stops at tool positions; the tool of a UR5e points down."""
     robot, down = mo.load_robot(name), {"orientation": np.diag([1.0, -1.0, -1.0])}
     held: dict[str, Any] = down if name == "ur5e" else {}
-    stops = [mo.Stop(position=p, name=n, **held) for p, n in zip(places, "abc", strict=False)]
+    stops = [
+        mo.Stop(position=p, name=n, payload=payload, **held)
+        for p, n in zip(places, "abc", strict=False)
+    ]
     settings = TimeOptimalSettings(starts=2)
     return CellFile("task", robot, tuple(stops), robot.limits, settings=settings, **more)
 
@@ -43,7 +49,20 @@ TASKS = {
         dict.fromkeys(("gear ratio.shoulder", "gear ratio.elbow"), (0.5, 2.0)),
     ),
     "ball": (cell("planar_2r", PLANAR, scene=BALL), {"base.x": (-0.1, 0.1), "base.y": (-0.1, 0.1)}),
-    "microbot": (cell("microbot", [[0.3, 0.2, 0.2], [0.2, -0.3, 0.3]]), BASE),
+    "line": (
+        cell("planar_2r", PLANAR, segments=(mo.Line(),)),
+        {"base.x": (-0.1, 0.1), "base.y": (-0.1, 0.1)},
+    ),
+    "microbot": (cell("microbot", SPATIAL), BASE),
+    "lift": (
+        cell("microbot", SPATIAL, payload=0.5),
+        dict.fromkeys(("base.x", "base.z"), (-0.1, 0.1)),
+    ),
+    "cycle": (cell("microbot", [*SPATIAL, [0.4, 0.0, 0.1]], cycle=True), BASE),
+    "place": (
+        cell("microbot", SPATIAL),
+        {"stops.b.x": (0.1, 0.3), "stops.b.z": (0.2, 0.4)},
+    ),
     "ur5e": (cell("ur5e", [[0.55, -0.35, 0.2], [0.35, 0.45, 0.4]]), BASE),
 }
 

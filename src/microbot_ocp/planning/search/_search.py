@@ -22,6 +22,7 @@ from microbot_ocp.planning.search._branches import Way
 from microbot_ocp.planning.search._problem import MotionProblem
 from microbot_ocp.planning.search._queue import Level
 from microbot_ocp.planning.search._settings import (
+    COARSE_TOLERANCE,
     SAME_OPTIMUM,
     TimeOptimalSettings,
 )
@@ -234,16 +235,19 @@ def rank(search: MotionSearch, solution: Solution) -> tuple[bool, float]:
 
 
 def by_promise(answers: Sequence[MotionAnswer]) -> list[MotionAnswer]:
-    """Return the distinct optima of coarse answers, the fastest first, each by its first answer."""
+    """Return the distinct optima of coarse answers, the fastest first, each by its fastest."""
     different = list[MotionAnswer]()
-    for coarse in answers:
-        if coarse.solved and not any(
-            abs(coarse.solution.duration - other.solution.duration)
-            <= SAME_OPTIMUM * other.solution.duration
-            for other in different
-        ):
-            different.append(coarse)
-    return sorted(different, key=lambda coarse: coarse.solution.duration)
+    for answer in sorted((a for a in answers if a.solved), key=lambda a: a.duration):
+        if not any(_is_same_optimum(answer, faster) for faster in different):
+            different.append(answer)
+    return different
+
+
+def _is_same_optimum(answer: MotionAnswer, faster: MotionAnswer) -> bool:
+    """Return True if an answer is at most as good as a faster one on every finer mesh."""
+    # Other branches of the arm are other motions, unless they mirror each other.
+    apart = SAME_OPTIMUM if answer.way is faster.way else COARSE_TOLERANCE
+    return answer.duration <= (1.0 + apart) * faster.duration
 
 
 def settled(answers: Sequence[MotionAnswer], settings: TimeOptimalSettings) -> bool:

@@ -13,6 +13,7 @@ from microbot_ocp._base.checks import InputError
 COARSE_MESH = 20  # largest number of intervals per phase of a coarse mesh
 FULL_MESH = 80  # intervals per phase of the first full mesh, for jumps of accelerations or rates
 LEAST_GAIN = 1e-4  # relative gain of the duration below which no further mesh is solved
+COARSE_TOLERANCE = 1e-5  # solver tolerance on coarse meshes, relative
 SAME_OPTIMUM = 1e-3  # relative difference of durations of one optimum
 NEAR_WAY_BARRIER = 1e-3  # barrier parameter of a solve that stays near its initial guess
 SMOOTHING_COST_LIMIT = 2e-4  # relative cost of jerk smoothing from which the weight is reduced

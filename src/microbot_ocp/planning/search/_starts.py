@@ -39,6 +39,7 @@ from microbot_ocp.planning.search._search import (
 )
 from microbot_ocp.planning.search._settings import (
     COARSE_MESH,
+    COARSE_TOLERANCE,
     FULL_MESH,
     MOST_ITERATIONS,
     NEAR_WAY_BARRIER,
@@ -49,7 +50,6 @@ from microbot_ocp.trajectories import cubic, spline
 
 COARSE_MESH_SUM = 160  # intervals of all phases of a coarse mesh together
 LEAST_COARSE_MESH = 6  # intervals per phase
-COARSE_TOLERANCE = 1e-5  # solver tolerance on coarse meshes, relative
 EXPLORING = 0.5  # share of the time limit after which no further start is solved
 FULL_MESH_EVEN = 100  # intervals per phase, for continuous accelerations
 FULL_MESH_SUM = 400  # intervals of all phases of the first full mesh together
