@@ -26,6 +26,7 @@ from microbot_ocp.cli import (
     _report as report,
     main,
 )
+from microbot_ocp.ocp.solvers import _ldl
 from microbot_ocp.views.live import spoken_progress
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -604,6 +605,21 @@ def test_doctor(call, ask, monkeypatch):
     code, out, _ = call("doctor")
     assert code == 1
     assert "MISSING" in out
+
+
+def test_doctor_names_a_missing_linear_solver_and_what_takes_its_place(ask, monkeypatch):
+    def without_amd(_):
+        raise AttributeError("amd_l_order")
+
+    monkeypatch.setattr(_ldl, "_known", {})
+    monkeypatch.setattr(_ldl, "_built", without_amd)
+    with warned("MUMPS", "ldl", "amd_l_order"):
+        code, document = ask("doctor")
+    found = {finding["name"]: finding for finding in document["findings"]}
+    assert code == 0
+    assert not found["ldl"]["ok"]
+    assert "MUMPS" in found["ldl"]["found"]
+    assert found["band"]["ok"]
 
 
 def test_the_demo_opens_its_report_where_there_is_somebody_to_see_it(call, tmp_path, monkeypatch):

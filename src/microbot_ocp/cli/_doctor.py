@@ -98,13 +98,21 @@ def _name_in(requirement: str, extra: str) -> str:
 def _solvers() -> Iterator[Finding]:
     import casadi as ca
 
+    from microbot_ocp.ocp.solvers import library
+
     for name, has, needed, use in (
         ("ipopt", ca.has_nlpsol, True, "optimal control, inverse kinematics"),
-        ("fatrop", ca.has_nlpsol, False, "optimal control, the first look; IPOPT steps in"),
+        ("fatrop", ca.has_nlpsol, False, "optimal control, where IPOPT fails"),
         ("cvodes", ca.has_integrator, True, "certificates, simulation"),
         ("idas", ca.has_integrator, False, "simulation"),
     ):
         yield Finding("solver", name, has(name), use, needed)
+    for name, use in (
+        ("ldl", "linear equations of motions with states, by CasADi's AMD"),
+        ("band", "linear equations of free motions"),
+    ):
+        built = library(name) is not None
+        yield Finding("solver", name, built, use if built else f"{use}: MUMPS instead, slower")
 
 
 def _compiler() -> Iterator[Finding]:

@@ -10,6 +10,7 @@ from ._chain import (
 )
 from ._ldl import (
     as_ipopt_knows as as_ipopt_knows,
+    library as library,
 )
 from ._parametric import (
     ParametricSolver as ParametricSolver,

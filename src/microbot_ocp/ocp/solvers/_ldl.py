@@ -25,8 +25,14 @@ from typing import Any
 import casadi as ca
 
 from microbot_ocp._base import deadline
-from microbot_ocp._base.checks import InputError, shown
-from microbot_ocp._base.codegen import ANY_ORDER, build_library, compiler, compiles
+from microbot_ocp._base.checks import InputError, shown, warn_user
+from microbot_ocp._base.codegen import (
+    ANY_ORDER,
+    NotCompiled,
+    build_library,
+    compiler,
+    compiles,
+)
 
 Options = Mapping[str, Mapping[str, Any]]  # keys: solver names
 
@@ -76,9 +82,10 @@ def library(name: str = NAME) -> Path | None:
     if (name, cc) not in _known:
         try:
             built = _built(cc) if name == NAME else _built_band(cc)
-        except (OSError, AttributeError, RuntimeError, subprocess.SubprocessError):
+        except (OSError, AttributeError, RuntimeError, subprocess.SubprocessError) as problem:
             if deadline.over():  # compilation may succeed another time
                 return None
+            warn_user(f"MUMPS replaces the linear solver {name!r}, slower: {problem}", NotCompiled)
             built = None
         _known[name, cc] = built
     return _known[name, cc]
