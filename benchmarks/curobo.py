@@ -171,15 +171,15 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
     """Draw shares of motions over the motion time and over the time of the search.
 
     The published percentiles stand beside the motion times. Problems that did not serve for
-    development are drawn alone if the rows have any.
+    development are drawn alone where there are any.
     """
-    rows = [r for r in rows if r["number"] > DEVELOPING] or rows
     with styled():
         figure = Figure((7.2, 2.7), layout="constrained")
         *axes, last = figure.subplots(1, 3, sharey=True)
         kinds = zip(axes, TITLES.items(), ("C0", "C1"), strict=True)
         for axis, (conditions, title), color in kinds:
             found = certified(rows, conditions)
+            found = [r for r in found if r["number"] > DEVELOPING] or found
             own = {"label": f"ours, {len(found)} problems", "where": "post", "color": color}
             axis.step(*_shares(r["duration"] for r in found), **own)
             others = {"label": "cuRobo V2, 2600", "color": "black"}

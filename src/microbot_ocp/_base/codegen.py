@@ -61,7 +61,7 @@ class PrivateCache(UserWarning):
 
 
 class NotCompiled(UserWarning):
-    """CasADi's virtual machine runs instead of a compiled function."""
+    """CasADi's virtual machine replaces a compiled function, or MUMPS a compiled linear solver."""
 
 
 @lru_cache(maxsize=1)

@@ -56,11 +56,9 @@ def ipopt(
 
 
 def time_limits(seconds: float) -> dict[str, float]:
-    """Return options with which IPOPT stops after a processor time, s, or at the wall time.
+    """Return options with which IPOPT stops after a processor time, s, and at the deadline.
 
-    Empty if the processor time is infinite: the solver may outlive the deadline.
+    IPOPT counts the processor time of all threads.
     """
-    if not np.isfinite(seconds):
-        return {}
     limits = {"max_cpu_time": seconds, "max_wall_time": deadline.until() - time.perf_counter()}
     return {key: max(limit, LEAST_TIME) for key, limit in limits.items() if np.isfinite(limit)}

@@ -98,7 +98,7 @@ def _name_in(requirement: str, extra: str) -> str:
 def _solvers() -> Iterator[Finding]:
     import casadi as ca
 
-    from microbot_ocp.ocp.solvers import library
+    from microbot_ocp.ocp.solvers import linear_solver_library
 
     for name, has, needed, use in (
         ("ipopt", ca.has_nlpsol, True, "optimal control, inverse kinematics"),
@@ -111,7 +111,7 @@ def _solvers() -> Iterator[Finding]:
         ("ldl", "linear equations of motions with states, by CasADi's AMD"),
         ("band", "linear equations of free motions"),
     ):
-        built = library(name) is not None
+        built = linear_solver_library(name) is not None
         yield Finding("solver", name, built, use if built else f"{use}: MUMPS instead, slower")
 
 

@@ -31,7 +31,7 @@ RANK_TOLERANCE = 1e-5  # singular value that counts as zero, per largest
 IPOPT_OPTIONS = {
     "tol": 1e-12,
     "acceptable_tol": 1e-9,
-    "acceptable_iter": 15,
+    "acceptable_iter": 15,  # IPOPT's default
     "max_iter": 100,
     "bound_relax_factor": 0.0,
 }

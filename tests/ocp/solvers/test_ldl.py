@@ -8,17 +8,21 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from helpers import warned
 from microbot_ocp import ocp
 from microbot_ocp._base import codegen
+from microbot_ocp._base.codegen import NotCompiled
 from microbot_ocp.ocp.solvers import _chain, _ldl
 
-pytestmark = pytest.mark.skipif(_ldl.library() is None, reason="no C compiler, or no AMD")
+pytestmark = pytest.mark.skipif(
+    _ldl.linear_solver_library() is None, reason="no C compiler, or no AMD"
+)
 ASKED = ocp.SolverSettings("ipopt", options={"ipopt": {"linear_solver": "ldl"}})
 
 
 def solved(matrix, right, order=None):
     """Solution, and how many eigenvalues are negative, by the interface that IPOPT calls."""
-    library = ctypes.CDLL(str(_ldl.library()))
+    library = ctypes.CDLL(str(_ldl.linear_solver_library()))
     n = len(matrix)
     rows, columns = np.nonzero(np.triu(matrix != 0) | np.eye(n, dtype=bool))
     rng = np.random.default_rng(0)
@@ -102,7 +106,7 @@ def test_without_a_compiler_mumps_solves(monkeypatch):
     monkeypatch.setattr(_ldl, "compiler", lambda: None)
     assert "hsllib" not in _ldl.as_ipopt_knows({"linear_solver": "ldl"})
     with codegen.interpreted():
-        assert _ldl.library() is None
+        assert _ldl.linear_solver_library() is None
 
 
 @pytest.mark.parametrize("name", [_ldl.NAME, _ldl.BAND])
@@ -115,8 +119,9 @@ def test_a_compiler_that_fails_is_asked_once(monkeypatch, name):
 
     monkeypatch.setattr(_ldl, "_known", {})
     monkeypatch.setattr(_ldl, "build_library", fails)
-    assert _ldl.library(name) is None
-    assert _ldl.library(name) is None
+    with warned("MUMPS", name, "status 1", category=NotCompiled):
+        assert _ldl.linear_solver_library(name) is None
+    assert _ldl.linear_solver_library(name) is None
     assert "hsllib" not in _ldl.as_ipopt_knows({"linear_solver": name})
     assert len(asked) == 1
 

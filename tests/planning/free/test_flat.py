@@ -332,7 +332,7 @@ def factored(matrix, rows, library=None, left=0):
     """Return the number of negative eigenvalues of a matrix by the band solver, a function that
     solves, and its integers, whose memory has what is ``left`` there at first.
     """
-    library, size = library or ctypes.CDLL(str(_ldl.library(_ldl.BAND))), len(matrix)
+    library, size = library or ctypes.CDLL(str(_ldl.linear_solver_library(_ldl.BAND))), len(matrix)
     row, column = np.nonzero(np.tril(matrix))
     slack = size - rows + np.arange(rows)  # Delta stands in the structure where it is zero
     missing = slack[matrix[slack, slack] == 0.0]
@@ -387,7 +387,7 @@ def test_the_band_solver_trusts_nothing_that_another_one_left_in_its_memory(tmp_
     matrix, rows = banded_matrix(np.random.default_rng(0))
     libraries = []
     for name in "ab":
-        path = shutil.copy(_ldl.library(_ldl.BAND), tmp_path / f"{name}.so")
+        path = shutil.copy(_ldl.linear_solver_library(_ldl.BAND), tmp_path / f"{name}.so")
         libraries.append(ctypes.CDLL(path))
     *_, left = factored(matrix, rows, libraries[0])
     left[left.size // 2 :] = 0

@@ -1,5 +1,6 @@
 """One task solved again with other numbers, against cold solves and closed forms."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -178,6 +179,15 @@ def test_from_any_velocity_to_a_moved_goal_the_rail_takes_the_closed_form():
         turn = np.sqrt(0.5 * speed**2 + side * most * way)
         motion = solver(via_q=[[0.0], [0.5 + way]], start=([0.5], [speed]))
         assert motion.duration == pytest.approx((2.0 * turn - side * speed) / most, rel=2e-3)
+
+
+def test_a_copy_keeps_the_windows_of_dry_friction():
+    rail = slider(mass=2.0, tau_max=4.0, taud_max=100.0)
+    rail = rail.with_links([replace(rail.links[0], coulomb_friction=1.0)])
+    solver = mo.TimeOptimalSolver(rail, [[0.0], [1.5]], mesh=20, starts=1, compiled=False)
+    solver()
+    again = pickle.loads(pickle.dumps(solver))
+    assert again(payload=0.05).duration == solver(payload=0.05).duration
 
 
 def test_an_arm_without_masses_is_prepared_as_well():

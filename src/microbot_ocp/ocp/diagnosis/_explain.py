@@ -282,7 +282,8 @@ class _ElasticProgram:
             "nlp_hess_l": ca.Function("nlp_hess_l", [v, p, lam_f, lam_g], [hessian]),
         }
         elastic = {"x": v, "p": p, "f": cost, "g": limits}
-        options = {"tol": 1e-7, "max_iter": max_iterations}
+        # An acceptable point suffices, as by default in IPOPT.
+        options = {"tol": 1e-7, "max_iter": max_iterations, "acceptable_iter": 15}
         return ipopt("elastic", elastic, options, no_nlp_grad=True, cache=cache)
 
     def solve(self, x: FloatArray, allowed: np.ndarray) -> tuple[bool, FloatArray, FloatArray]:

@@ -205,7 +205,8 @@ def _run(
 ) -> tuple[tuple[Solution, Start] | None, NotFinite | None]:
     """Return the last solve of a strategy with its start, and the refusal of a default guess.
 
-    The first solve that converges ends the strategy. Attempts are appended to ``tried``.
+    The first solve that converges or is interrupted ends the strategy. Attempts are appended to
+    ``tried``.
     """
     last: tuple[Solution, Start] | None = None
     try:

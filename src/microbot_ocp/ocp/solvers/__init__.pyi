@@ -10,7 +10,7 @@ from ._chain import (
 )
 from ._ldl import (
     as_ipopt_knows as as_ipopt_knows,
-    library as library,
+    linear_solver_library as linear_solver_library,
 )
 from ._parametric import (
     ParametricSolver as ParametricSolver,

@@ -25,7 +25,7 @@ from typing import Any
 import casadi as ca
 
 from microbot_ocp._base import deadline
-from microbot_ocp._base.checks import InputError, shown, warn_user
+from microbot_ocp._base.checks import InputError, shortened, shown, warn_user
 from microbot_ocp._base.codegen import (
     ANY_ORDER,
     NotCompiled,
@@ -56,7 +56,7 @@ def as_ipopt_knows(options: Mapping[str, Any]) -> dict[str, Any]:
     name = options.get("linear_solver")
     if name not in (NAME, BAND):
         return dict(options)
-    built = library(name)
+    built = linear_solver_library(name)
     if built is None:
         return {k: v for k, v in options.items() if k != "linear_solver"}
     return {
@@ -74,20 +74,22 @@ def as_ipopt_knows(options: Mapping[str, Any]) -> dict[str, Any]:
 _known: dict[tuple[str, str], Path | None] = {}  # keys: solver and compiler
 
 
-def library(name: str = NAME) -> Path | None:
+def linear_solver_library(name: str = NAME) -> Path | None:
     """Return the library of "ldl" or "band"; None if a compiler or AMD is missing or fails."""
     cc = compiler() if compiles() else None
     if cc is None:
         return None
     if (name, cc) not in _known:
+        reason = ""
         try:
             built = _built(cc) if name == NAME else _built_band(cc)
         except (OSError, AttributeError, RuntimeError, subprocess.SubprocessError) as problem:
             if deadline.over():  # compilation may succeed another time
                 return None
-            warn_user(f"MUMPS replaces the linear solver {name!r}, slower: {problem}", NotCompiled)
-            built = None
+            built, reason = None, shortened(str(problem), 160)
         _known[name, cc] = built
+        if built is None:
+            warn_user(f"MUMPS replaces the linear solver {name!r}, slower: {reason}", NotCompiled)
     return _known[name, cc]
 
 

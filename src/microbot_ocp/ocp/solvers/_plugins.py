@@ -144,7 +144,9 @@ def create(
     if name == "fatrop":  # its line search would never end at values that are not finite
         nlp = {**nlp, "f": ca.fmin(nlp["f"], FAR), "g": ca.fmin(nlp["g"], FAR)}
     if name == "ipopt":
-        own = time_limits(seconds) | options.pop("ipopt")
+        # A solver without a limit of its own is kept for calls with other deadlines.
+        timed = time_limits(seconds) if np.isfinite(seconds) else {}
+        own = {**timed, **options.pop("ipopt")}
         return ipopt(name, nlp, own, **options, cache=cache)
     return ca.nlpsol(name, plugin, nlp, {**USUAL, **options, "cache": cache})
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -26,7 +26,7 @@ from microbot_ocp.limits import (
     with_reserve,
 )
 from microbot_ocp.motion import DurationLine, Motion, State
-from microbot_ocp.ocp import Phase, Solution, SolverSettings
+from microbot_ocp.ocp import Solution, SolverSettings
 from microbot_ocp.ocp.refinement import WORSE
 from microbot_ocp.ocp.solution import quiet, unpack
 from microbot_ocp.ocp.starts import with_changes
@@ -58,10 +58,9 @@ from microbot_ocp.planning.search._refinement import (
 from microbot_ocp.planning.search._result import fastest
 from microbot_ocp.planning.search._search import MotionAnswer, SearchState
 from microbot_ocp.planning.search._settings import (
-    COARSE_MESH,
     TimeOptimalSettings,
 )
-from microbot_ocp.planning.search._starts import coarse
+from microbot_ocp.planning.search._starts import coarse, explore_mesh
 from microbot_ocp.planning.task import (
     LDL,
     TIME_LIMIT,
@@ -85,11 +84,8 @@ from microbot_ocp.robot import Robot
 NEAR = 0.1
 REFERENCE_TOLERANCE = 2e-3  # relative excess of limits of the prepared motion between mesh points
 
-# A user waits for each solve. The time limit matters: without one even a small solve would start a
-# child process.
-PREPARED = SolverSettings(
-    "ipopt", tolerance=1e-6, gap=np.inf, max_iterations=150, options=LDL, time_limit=TIME_LIMIT
-)
+TOLERANCE = 1e-6  # default of the solver tolerance, relative
+PREPARED = SolverSettings(max_iterations=150, options=LDL)  # a user waits for each solve
 
 
 def _tried(
@@ -171,7 +167,6 @@ class _Prepared(NamedTuple):
     """Result of the solve under the robot's own limits, kept for other solves."""
 
     reference: Solution
-    kernels: Transcription
     smoothing: float
 
 
@@ -236,12 +231,12 @@ class TimeOptimalSolver:
         rounds: int = 8,
         compiled: bool = True,
         seed: int = 0,
-        tolerance: float = PREPARED.tolerance,
+        tolerance: float = TOLERANCE,
     ) -> None:
         checks.whole("mesh", mesh, "intervals", at_least=4)
         checks.whole("rounds", rounds, at_least=0)
         checks.number("tolerance", tolerance, above=0.0)
-        self._solver_settings = replace(PREPARED, tolerance=tolerance)
+        self._tolerance = tolerance
         given = {"mesh": mesh, "starts": starts, "compiled": compiled, "seed": seed}
         self._settings = TimeOptimalSettings(limit_tolerance=REFERENCE_TOLERANCE, **given)
         self.robot, self._rounds = robot, rounds
@@ -323,17 +318,17 @@ class TimeOptimalSolver:
                 )
             tolerance = moving.tolerance if moving else TimeOptimalSettings.limit_tolerance
             settings = replace(self._settings, limit_tolerance=tolerance)
-            problem = MotionProblem.through(family, via, settings, given=self._kernels)
-            prepared = None
+            problem, prepared = MotionProblem.through(family, via, settings), None
             if via_q is None and moving is None:
                 prepared = self._own or self._under_own_limits()
             usual = prepared.smoothing if prepared else SMOOTHING
             # The cost of smoothing must stay below the solver tolerance.
-            smoothing = usual * min(1.0, self._solver_settings.tolerance / PREPARED.tolerance)
+            smoothing = usual * min(1.0, self._tolerance / TOLERANCE)
             starts = self._starts(problem, prepared, moving is not None)
             kernels = self._numbered(problem, float(payload), smoothing, moving)
             problem = replace(problem, given=kernels)
-            tried, name, solution = self._solved(problem, smoothing, starts, search)
+            tried, name, answer = self._solved(problem, smoothing, starts, search)
+            solution = answer.solution
             # Compilation does not pay: an arm with this payload is evaluated once.
             with interpreted() if payload else nullcontext():
                 slowed, outcome, worst = _slowed_down(problem, solution, moving)
@@ -347,7 +342,7 @@ class TimeOptimalSolver:
                     for first, tries in tried
                 ]
                 method = "free time-optimal motion, solved again with other numbers"
-                given = worst, time.perf_counter() - begin, smoothing
+                given = worst, time.perf_counter() - begin, answer.smoothing
                 more = {"start": name, "starts": starts, "payload": float(payload)}
                 about = provenance_of(method, family, solution, *given, **more)
                 motion = problem.motion(solution, about)
@@ -361,16 +356,19 @@ class TimeOptimalSolver:
 
     def _solved(
         self, problem: MotionProblem, smoothing: float, starts: _Starts, search: bool
-    ) -> tuple[list[tuple[str, Solution]], str, Solution]:
+    ) -> tuple[list[tuple[str, Solution]], str, MotionAnswer]:
         """Return the solves on the first mesh, the name of the best start, and its refinement."""
         how = search_of(problem, quiet)
         # A tighter tolerance asks for a proportionally smaller gap.
-        exact = min(1.0, self._solver_settings.tolerance / PREPARED.tolerance)
-        gap = exact * how.refiner.settings.gap
-        settings = replace(self._solver_settings, gap=gap)
-        # Slopes need the digits of every solve, and a mesh that does not follow rough ones.
-        rough = how.refiner.rough if exact == 1.0 else None
-        refiner = replace(how.refiner, rounds=self._rounds, settings=settings, rough=rough)
+        exact = min(1.0, self._tolerance / TOLERANCE)
+        given: dict[str, Any] = {
+            "rounds": self._rounds,
+            "settings": replace(PREPARED, gap=exact * how.refiner.settings.gap),
+            # Slopes need the digits of every solve, and a mesh that does not follow rough ones.
+            "rough": how.refiner.rough if exact == 1.0 else None,
+            "tolerance": min(how.refiner.tolerance, self._tolerance),
+        }
+        refiner = replace(how.refiner, **given)
         how = replace(how, refiner=refiner)
         again, first_solves = replace(refiner, once=True), coarse(how)
         if not problem.is_flat:
@@ -381,18 +379,18 @@ class TimeOptimalSolver:
         def solve(first: Solution | Mapping[str, Guess]) -> Solution:
             if isinstance(first, Solution):  # one attempt: the guesses are further ones
                 return again.solve([phase.mesh for phase in first.phases], first)
-            return first_solves.solve(COARSE_MESH, first)
+            return first_solves.solve(explore_mesh(how), first)
 
         tried, name, best = _tried(starts, solve, search)
         level = Level.FULL if name == "prepared" else Level.COARSE
         solves = *again.history, *first_solves.history
         given = {"solves": solves, "way": problem.ways[0], "level": level}
         answer = MotionAnswer(name, best, replace(refiner, history=[]), smoothing, **given)
-        return tried, name, best_of(how, refine(how, SearchState((answer,)))).solution
+        return tried, name, best_of(how, refine(how, SearchState((answer,))))
 
     def _numbered(
         self, problem: MotionProblem, payload: float, smoothing: float, moving: _StateAtStart | None
-    ) -> Any:
+    ) -> Transcription | FlatTranscription:
         """Return the program with the numbers of one call."""
         numbers = {"payload": payload, JERK_WEIGHT: smoothing}
         if not isinstance(self._kernels, FlatTranscription):
@@ -507,7 +505,7 @@ class TimeOptimalSolver:
         search = replace(search, refiner=replace(search.refiner, settings=settings))
         answer = fastest(search).answer
         # Later solves keep the smoothing of this motion, or their optimum would differ from it.
-        prepared = _Prepared(answer.solution, answer.refiner.transcription, answer.smoothing)
+        prepared = _Prepared(answer.solution, answer.smoothing)
         if answer.solved and not deadline.over():
             self._own = prepared
         return prepared
@@ -551,7 +549,7 @@ class TimeOptimalSolver:
                 "parameters": numbers,
                 "durations": (shortest, longest),
             }
-            for start, shortest, longest in zip(via, size.shortest, size.longest, strict=False)
+            for start, shortest, longest in zip(via[:-1], size.shortest, size.longest, strict=True)
         ]
         changes[-1]["final"] = at(via[-1])
         first = changes[0]
@@ -600,7 +598,7 @@ class TimeOptimalSolver:
 
     def __getstate__(self) -> dict[str, Any]:
         base = self._own
-        plain = base and (_plain_of(base.reference, base.kernels.problem.phases), base.smoothing)
+        plain = base and (_plain_of(base.reference), base.smoothing)
         return vars(self) | {"_own": plain, "_kernels": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -608,7 +606,7 @@ class TimeOptimalSolver:
         self._kernels = self._transcribed()
         if state["_own"] is not None:
             plain, smoothing = state["_own"]
-            self._own = _Prepared(*_from_plain(self._kernels, plain), smoothing)
+            self._own = _Prepared(_from_plain(self._kernels, plain), smoothing)
 
 
 def _slowed_down(
@@ -631,19 +629,19 @@ def _slowed_down(
     return None, outcome, largest(excess)
 
 
-def _plain_of(solution: Solution, phases: Iterable[Phase]) -> tuple[Any, ...]:
+def _plain_of(solution: Solution) -> tuple[Any, ...]:
     """Return a solution as plain data, without the kernels of the phases."""
     # Kernels hold compiled functions and cannot be pickled: meshes and parameters suffice to build
     # them again.
+    phases: Any = [solved.layout.phase for solved in solution.phases if solved.layout]
     parameters = {phase.name: {p.name: p.value for p in phase.parameters} for phase in phases}
     meshes = [phase.mesh for phase in solution.phases]
     return replace(solution, phases=()), meshes, parameters
 
 
-def _from_plain(kernels: Transcription, plain: tuple[Any, ...]) -> tuple[Solution, Transcription]:
-    """Return the solution of plain data, and the kernels with its parameter values."""
+def _from_plain(kernels: Any, plain: tuple[Any, ...]) -> Solution:
+    """Return the solution of plain data, with kernels that have its parameter values."""
     solution, meshes, parameters = plain
     if any(parameters.values()):
         kernels = kernels.with_parameters(parameters)
-    phases = unpack(kernels.layouts(meshes), solution.variables)
-    return replace(solution, phases=phases), kernels
+    return replace(solution, phases=unpack(kernels.layouts(meshes), solution.variables))

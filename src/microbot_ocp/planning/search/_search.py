@@ -244,8 +244,9 @@ def by_promise(answers: Sequence[MotionAnswer]) -> list[MotionAnswer]:
 
 
 def _is_same_optimum(answer: MotionAnswer, faster: MotionAnswer) -> bool:
-    """Return True if an answer is at most as good as a faster one on every finer mesh."""
-    # Other branches of the arm are other motions, unless they mirror each other.
+    """Return True if an answer probably leads to the optimum of a faster one."""
+    # Other branches of the arm are other motions, unless they mirror each other: then durations
+    # agree to the tolerance of the solver.
     apart = SAME_OPTIMUM if answer.way is faster.way else COARSE_TOLERANCE
     return answer.duration <= (1.0 + apart) * faster.duration
 

@@ -348,7 +348,7 @@ class PlacesProgram:
             "mu_init": barrier,
         }
         program = {"x": self.x, "p": self.p, "f": self.cost, "g": g}
-        options = as_ipopt_knows(options) | time_limits(deadline.left())
+        options = as_ipopt_knows(options) | time_limits(deadline.work_left())
         return ipopt("timing", program, options, cache=cache)
 
 
