@@ -11,7 +11,6 @@ from hypothesis import given, settings, strategies as st
 from helpers import warned
 from microbot_ocp import ocp
 from microbot_ocp._base import codegen
-from microbot_ocp._base.codegen import NotCompiled
 from microbot_ocp.ocp.solvers import _chain, _ldl
 
 pytestmark = pytest.mark.skipif(
@@ -119,7 +118,7 @@ def test_a_compiler_that_fails_is_asked_once(monkeypatch, name):
 
     monkeypatch.setattr(_ldl, "_known", {})
     monkeypatch.setattr(_ldl, "build_library", fails)
-    with warned("MUMPS", name, "status 1", category=NotCompiled):
+    with warned("MUMPS", name, "status 1", category=codegen.NotCompiled):
         assert _ldl.linear_solver_library(name) is None
     assert _ldl.linear_solver_library(name) is None
     assert "hsllib" not in _ldl.as_ipopt_knows({"linear_solver": name})

@@ -201,8 +201,7 @@ def test_the_same_seed_is_the_same_motion():
 )
 def test_starts_go_on_while_another_is_likely_to_lead_elsewhere(led_to, enough):
     found = [
-        SimpleNamespace(before=None, solved=d is not None, solution=SimpleNamespace(duration=d))
-        for d in led_to
+        SimpleNamespace(before=None, solved=d is not None, duration=d, way=None) for d in led_to
     ]
     assert _search.settled(found, TimeOptimalSettings()) is enough
     assert _search.settled(found, TimeOptimalSettings(starts=1)) is (led_to[0] is not None)
