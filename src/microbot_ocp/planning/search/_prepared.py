@@ -57,10 +57,8 @@ from microbot_ocp.planning.search._refinement import (
 )
 from microbot_ocp.planning.search._result import fastest
 from microbot_ocp.planning.search._search import MotionAnswer, SearchState
-from microbot_ocp.planning.search._settings import (
-    TimeOptimalSettings,
-)
-from microbot_ocp.planning.search._starts import coarse, explore_mesh
+from microbot_ocp.planning.search._settings import COARSE_MESH, TimeOptimalSettings
+from microbot_ocp.planning.search._starts import coarse
 from microbot_ocp.planning.task import (
     LDL,
     TIME_LIMIT,
@@ -379,7 +377,7 @@ class TimeOptimalSolver:
         def solve(first: Solution | Mapping[str, Guess]) -> Solution:
             if isinstance(first, Solution):  # one attempt: the guesses are further ones
                 return again.solve([phase.mesh for phase in first.phases], first)
-            return first_solves.solve(explore_mesh(how), first)
+            return first_solves.solve(COARSE_MESH, first)
 
         tried, name, best = _tried(starts, solve, search)
         level = Level.FULL if name == "prepared" else Level.COARSE
