@@ -22,6 +22,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.threads import expanded
 
 # Columns of a block; with 64, a stage of seven joints would exceed the second-level cache.
 COLUMNS = 32
@@ -126,7 +127,7 @@ def table_of(function: ca.Function) -> OperationTable | None:
     function cannot be expanded into scalar operations, has an unknown one or is too large.
     """
     try:
-        function = function.expand()
+        function = expanded(function)
     except RuntimeError:
         return None
     given, last = function.sx_in(), function.n_out() - 1

@@ -21,6 +21,7 @@ from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.fast_calls import deferred_call
 from microbot_ocp._base.interpolants import Read, reads
 from microbot_ocp._base.relations import is_relation, reason_of
+from microbot_ocp._base.threads import expanded
 from microbot_ocp.limits._finite_slopes import with_finite_slopes
 from microbot_ocp.limits._joint_limits import JOINT_QUANTITIES, JointLimits, Limits
 from microbot_ocp.limits._limit import Limit
@@ -432,7 +433,7 @@ def _function(
                 continue
             if not function.is_a("SXFunction"):
                 with suppress(RuntimeError):  # tables have no scalar operations
-                    scalar = function.expand()
+                    scalar = expanded(function)
                     function = function if scalar.find_functions() else scalar
         except Exception as found:  # a user's expression may raise anything
             reasons.append(reason_of(found))

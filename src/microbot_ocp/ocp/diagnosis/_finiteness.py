@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.threads import expanded
 from microbot_ocp.ocp.problem import Expressions, Phase
 from microbot_ocp.ocp.solution import PhaseSolution, unpack
 from microbot_ocp.ocp.transcription import Program
@@ -236,7 +237,7 @@ def _cause(
 ) -> str:
     """Return the first operation with finite operands and infinite result, and its variables."""
     try:
-        scalar = function.expand()
+        scalar = expanded(function)
     except RuntimeError:  # an interpolant or callback has no scalar graph
         used = [
             _entry(name, values, i)

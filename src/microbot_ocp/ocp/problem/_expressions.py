@@ -11,6 +11,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.threads import expanded
 from microbot_ocp.ocp.problem._items import Measurement
 from microbot_ocp.ocp.problem._phase import Phase
 
@@ -48,7 +49,7 @@ class Expressions:
         stacked = ca.densify(ca.vertcat(*expressions, ca.MX(0, 1)))
         run = ca.Function("declared", [ca.vertcat(*self.symbols)], [stacked])
         with suppress(RuntimeError):  # interpolants have no scalar graph
-            run = run.expand()
+            run = expanded(run)
         return run
 
     def tables(

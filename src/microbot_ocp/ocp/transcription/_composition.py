@@ -24,6 +24,8 @@ from typing import Any
 
 import casadi as ca
 
+from microbot_ocp._base.threads import expanded
+
 Functions = Sequence[ca.Function]
 HEAVY = 400  # number of operations above which a function is differentiated separately
 
@@ -77,10 +79,10 @@ def divided(stage: ca.Function) -> Composition | None:
                 symbol_of += [outputs_of_call[output.which_output()] for output in outputs]
             if _heavy_calls(columns):  # nested heavy calls are not supported
                 return None
-            arguments = ca.Function("stage_arguments", [v, c], [ca.horzcat(*columns)]).expand()
-            calls.append(Calls(function, arguments))
+            arguments = ca.Function("stage_arguments", [v, c], [ca.horzcat(*columns)])
+            calls.append(Calls(function, expanded(arguments)))
         outer = ca.graph_substitute(results, replaced, symbol_of)
-        outer = ca.Function("stage_outer", [v, c, ca.vertcat(*symbols)], outer).expand()
+        outer = expanded(ca.Function("stage_outer", [v, c, ca.vertcat(*symbols)], outer))
     except RuntimeError:  # an interpolant or callback has no scalar graph
         return None
     return Composition(tuple(calls), outer)

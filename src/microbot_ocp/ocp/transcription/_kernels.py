@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.threads import expanded, making_scalars, with_constants_kept
 from microbot_ocp.ocp.problem import (
     PathConstraint,
     Phase,
@@ -114,18 +115,19 @@ def with_derivatives(
     the end of a phase took 5 s of processor time.
     """
     derived: list[ca.Function] = []
-    for function, composition in itertools.zip_longest(functions, compositions):
-        is_point = bool(derived)
-        if composition is not None and is_point:
-            given = (derivatives(calls.function) or () for calls in composition.calls)
-            composition = composition if all(len(parts) > 2 for parts in given) else None
-        if composition is None:
-            derived += _derivatives(_without_repeats(function))
-            continue
-        composed, *rest = composed_derivatives(composition, derivatives)
-        value = None if is_point else composed
-        derived += [value or _without_repeats(function), *rest]
-    return derived
+    with making_scalars:
+        for function, composition in itertools.zip_longest(functions, compositions):
+            is_point = bool(derived)
+            if composition is not None and is_point:
+                given = (derivatives(calls.function) or () for calls in composition.calls)
+                composition = composition if all(len(parts) > 2 for parts in given) else None
+            if composition is None:
+                derived += _derivatives(_without_repeats(function))
+                continue
+            composed, *rest = composed_derivatives(composition, derivatives)
+            value = None if is_point else composed
+            derived += [value or _without_repeats(function), *rest]
+        return [with_constants_kept(function) for function in derived]
 
 
 def build_kernels(
@@ -169,8 +171,9 @@ def light_cost(function: ca.Function) -> ca.Function | None:
     if not cost.is_a("SXFunction") or cost.n_instructions() >= HEAVY:
         return None
     v, c = cost.sx_in()
-    value = cost(v, c)
-    return ca.Function("cost", [v, c], [value, ca.densify(ca.gradient(value, v))])
+    with making_scalars:
+        value = cost(v, c)
+        return ca.Function("cost", [v, c], [value, ca.densify(ca.gradient(value, v))])
 
 
 class _Rows:
@@ -378,7 +381,7 @@ def _as_stage(point: ca.Function) -> ca.Function:
 def _expanded(function: ca.Function) -> ca.Function:
     """Return the function as one scalar graph, if its calls have scalar graphs."""
     try:
-        return function.expand()
+        return expanded(function)
     except RuntimeError:  # interpolants and compiled functions have no scalar graph
         return function
 
@@ -388,7 +391,8 @@ def _without_repeats(function: ca.Function) -> ca.Function:
     if not function.is_a("SXFunction"):
         return function
     inputs = function.sx_in()
-    return ca.Function(function.name(), inputs, ca.cse(function.call(inputs)))
+    with making_scalars:
+        return ca.Function(function.name(), inputs, ca.cse(function.call(inputs)))
 
 
 def _derivatives(function: ca.Function) -> tuple[ca.Function, ca.Function, ca.Function]:

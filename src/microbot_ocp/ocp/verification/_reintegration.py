@@ -18,6 +18,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.growth import carry, transition_matrices
 from microbot_ocp._base.quiet import quiet
 from microbot_ocp._base.status import Status
+from microbot_ocp._base.threads import expanded
 from microbot_ocp.ocp.diagnosis import singular
 from microbot_ocp.ocp.problem import Phase, Variable
 from microbot_ocp.ocp.solution import PhaseSolution
@@ -228,7 +229,7 @@ def _equation(layout: PhaseLayout, cost: bool) -> _Equation:
     running = sum(phase.running_costs, ca.MX(0)) if cost else ca.MX(0, 1)
     physics = ca.Function("physics", arguments, [slope, equations, running])
     with contextlib.suppress(RuntimeError):  # interpolants have no scalar graph
-        physics = physics.expand()
+        physics = expanded(physics)
     scale = ca.DM(np.concatenate([v.scale for v in phase.states]))
     y, inner = ca.MX.sym("y", x.shape[0]), ca.MX.sym("z", z.shape[0])
     rate, residual, slope_of_cost = physics(y * scale, inner, *(value for _, value in values_of))
