@@ -125,7 +125,7 @@ lint: $(VENV)/.ready-test
 
 wheel: $(VENV)/.ready-release
 	@rm -rf dist
-	@$(BIN)/python -m build --outdir dist . >/dev/null
+	@$(BIN)/python -m build --no-isolation --outdir dist . >/dev/null
 	@$(BIN)/python -m twine check --strict dist/*
 
 clean:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import platform
 import shutil
 import signal
 import stat
 import time
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import casadi as ca
@@ -18,8 +20,10 @@ import pytest
 import microbot_ocp as mo
 from helpers import any_robot, batch, difference, random_states, warned
 from microbot_ocp import fast_call
-from microbot_ocp._base import codegen
+from microbot_ocp._base import codegen, fast_calls
 from microbot_ocp._base.codegen import compile_function, compile_functions, compile_recipe
+from microbot_ocp.ocp.solvers import _ldl
+from microbot_ocp.planning.free._flat_loops import WINDOWS
 
 compiles = pytest.mark.skipif(not codegen.COMPILES, reason="no C code is compiled here")
 needs_compiler = pytest.mark.skipif(codegen.compiler() is None, reason="no C compiler")
@@ -378,3 +382,31 @@ def test_cache_folder_follows_the_environment(
     assert codegen.cache_folder() == tmp_path / "xdg" / "microbot_ocp"
     monkeypatch.delenv("XDG_CACHE_HOME")
     assert codegen.cache_folder() == Path.home() / ".cache" / "microbot_ocp"
+
+
+@needs_compiler
+@compiles
+def test_a_wheel_has_what_no_robot_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    via = [[0.0, 0.1, 0.2], [0.5, 0.6, -0.4]]
+    usual = mo.time_optimal(mo.load_robot("microbot"), via, mesh=12, starts=1)
+    wheel = tmp_path / "wheel"
+    wheel.mkdir()
+    monkeypatch.setattr(codegen, "COMMON", wheel)
+    common = [*_ldl.LIBRARIES.values(), WINDOWS, *map(fast_calls.rows_library, (True, False))]
+    built = [library.compile_for_wheel(wheel) for library in common]
+    assert built == [library.in_wheel for library in common]
+    for module in (codegen, _ldl):
+        monkeypatch.setattr(module, "compiler", lambda: None)
+    monkeypatch.setattr(_ldl, "_known", {})
+    fast_calls._interpreter.cache_clear()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", codegen.NotCompiled)
+        assert _ldl.linear_solver_library(_ldl.BAND) == built[1]
+        found = mo.time_optimal(mo.load_robot("microbot"), via, mesh=12, starts=1)
+    assert found.duration == pytest.approx(usual.duration, rel=1e-6)
+    fast_calls._interpreter.cache_clear()
+    with pytest.raises(RuntimeError, match="no C compiler"):
+        replace(WINDOWS, text=f"{WINDOWS.text}\n").path()
+    monkeypatch.setitem(codegen.COMMON_SETS, platform.machine(), {"no such set"})
+    with pytest.raises(RuntimeError, match="no C compiler"):
+        WINDOWS.path()

@@ -608,11 +608,11 @@ def test_doctor(call, ask, monkeypatch):
 
 
 def test_doctor_names_a_missing_linear_solver_and_what_takes_its_place(ask, monkeypatch):
-    def without_amd(_):
+    def without_amd():
         raise AttributeError("amd_l_order")
 
     monkeypatch.setattr(_ldl, "_known", {})
-    monkeypatch.setattr(_ldl, "_built", without_amd)
+    monkeypatch.setattr(_ldl, "_amd", without_amd)
     with warned("MUMPS", "ldl", "amd_l_order"):
         code, document = ask("doctor")
     found = {finding["name"]: finding for finding in document["findings"]}

@@ -25,6 +25,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import ContextVar, copy_context
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,10 @@ ANY_ORDER = ("-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math")
 # Recursive Newton-Euler gains nothing with 3 joints and 6 % with 7; derivatives with 7 joints run
 # in a third of the time (fused multiply-add). The key of the cache therefore has the processor.
 NATIVE = "-march=native"
+# A wheel has libraries for x86-64 processors with AVX2 and FMA, or for all of 64-bit ARM.
+COMMON = Path(__file__).parents[1] / "compiled"  # folder of a wheel's libraries
+COMMON_FLAGS = {"x86_64": ("-march=x86-64-v3",), "aarch64": (), "arm64": ()}
+COMMON_SETS = {"x86_64": {"avx2", "bmi2", "fma"}}  # instruction sets that these flags need
 
 
 # The compile time of a derivative, one long block, grows faster than its length. The Panda's
@@ -185,6 +190,11 @@ def interpreted() -> Iterator[None]:
         yield
     finally:
         _interpreted.reset(token)
+
+
+def is_interpreted() -> bool:
+    """Return True inside of :func:`interpreted`."""
+    return _interpreted.get()
 
 
 def compiles(wanted: bool = True) -> bool:
@@ -431,6 +441,59 @@ def build_library(
     # The folder is gone before the library is whole: nobody compiles again, nobody would remove it.
     _keep(library, content)
     return library
+
+
+@dataclass(frozen=True)
+class CommonLibrary:
+    """A library that is the same for all robots, so that a wheel may have it.
+
+    Attributes
+    ----------
+    stem : str
+        Start of the library's name.
+    text : str
+        C text.
+    flags : tuple of str
+        Optimization and further flags of the compiler.
+    """
+
+    stem: str
+    text: str
+    flags: tuple[str, ...]
+
+    @property
+    def in_wheel(self) -> Path:
+        """Path of the wheel's library. Text or flags that differ from the wheel's change it."""
+        identity = repr((self.text, self.flags, COMMON_FLAGS))
+        return COMMON / f"{self.stem}_{hashlib.sha256(identity.encode()).hexdigest()[:12]}.so"
+
+    def path(self) -> Path:
+        """Return the library: from the wheel, from the cache, or newly compiled.
+
+        Raises
+        ------
+        OSError, subprocess.SubprocessError, RuntimeError
+            Errors of :func:`build_library`; there is no compiler, or functions are not compiled.
+        """
+        if is_interpreted():
+            raise RuntimeError("functions are not compiled here")
+        sets = COMMON_SETS.get(platform.machine(), set())
+        if self.in_wheel.exists() and sets <= {*processor().split()}:
+            return self.in_wheel
+        cc = compiler()
+        if cc is None:
+            raise RuntimeError("no C compiler was found")
+        return build_library(self.text, self.stem, cc, self.flags[0], further=self.flags[1:])
+
+    def compile_for_wheel(self, folder: Path) -> Path | None:
+        """Compile the library for all processors of this machine's kind; None if that fails."""
+        cc, given = compiler(), COMMON_FLAGS.get(platform.machine())
+        if cc is None or given is None:
+            return None
+        text, library = folder / f"{self.stem}.c", folder / self.in_wheel.name
+        text.write_text(self.text, "utf-8")
+        command = [cc, *given, *self.flags, *FLAGS, str(text), "-o", str(library), "-lm"]
+        return None if _run(command, folder / "messages") else library
 
 
 _running: set[subprocess.Popen[Any]] = set()

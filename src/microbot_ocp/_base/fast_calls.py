@@ -27,7 +27,14 @@ import numpy as np
 
 from microbot_ocp._base import codegen, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp._base.codegen import build_library, c_source, compile_function, compiles, package
+from microbot_ocp._base.codegen import (
+    CommonLibrary,
+    build_library,
+    c_source,
+    compile_function,
+    compiles,
+    package,
+)
 from microbot_ocp._base.interpreter import (
     ALIGNMENT,
     COLUMNS,
@@ -519,6 +526,13 @@ def _table_in_place(
 
 
 @lru_cache(maxsize=2)
+def rows_library(alike: bool) -> CommonLibrary:
+    """Return the interpreter's library, with sines of the C library (``alike``) or of ours."""
+    text = ("" if alike else _sines_of("double")) + interpreter_text()
+    return CommonLibrary("rows", text, ("-O3", *ROUNDED_ALIKE))
+
+
+@lru_cache(maxsize=2)
 def _interpreter(alike: bool) -> Callable[..., None]:
     """Return the interpreter of operation tables, which is compiled once for all functions.
 
@@ -530,14 +544,9 @@ def _interpreter(alike: bool) -> Callable[..., None]:
     Raises
     ------
     OSError, subprocess.SubprocessError, RuntimeError
-        Errors of :func:`build_library`; there is no compiler.
+        Errors of :meth:`CommonLibrary.path`.
     """
-    cc = codegen.compiler()
-    if cc is None:
-        raise RuntimeError("no C compiler was found")
-    text = ("" if alike else _sines_of("double")) + interpreter_text()
-    library = build_library(text, "rows", cc, "-O3", further=ROUNDED_ALIKE)
-    run = ctypes.CDLL(str(library)).interpret_rows
+    run = ctypes.CDLL(str(rows_library(alike).path())).interpret_rows
     count, address = ctypes.c_long, ctypes.c_void_p
     side = (count, address)
     run.argtypes = (count, *(address,) * 3, *side, *side, *(address,) * 3)

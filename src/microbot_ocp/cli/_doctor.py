@@ -119,7 +119,7 @@ def _compiler() -> Iterator[Finding]:
     from microbot_ocp._base.codegen import cache_folder, compiler
 
     path, ok = compiler(), False
-    text = "no cc, gcc or clang: CasADi's virtual machine runs instead, 4 to 20 times slower"
+    text = "no cc, gcc or clang: CasADi's virtual machine runs functions of a robot, slower"
     if path is not None:
         try:
             version = subprocess.check_output([path, "--version"], text=True, timeout=20)

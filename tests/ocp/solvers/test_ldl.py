@@ -117,7 +117,7 @@ def test_a_compiler_that_fails_is_asked_once(monkeypatch, name):
         raise RuntimeError("it ended with status 1")
 
     monkeypatch.setattr(_ldl, "_known", {})
-    monkeypatch.setattr(_ldl, "build_library", fails)
+    monkeypatch.setattr(codegen, "build_library", fails)
     with warned("MUMPS", name, "status 1", category=codegen.NotCompiled):
         assert _ldl.linear_solver_library(name) is None
     assert _ldl.linear_solver_library(name) is None

@@ -28,10 +28,10 @@ from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import InputError, shortened, shown, warn_user
 from microbot_ocp._base.codegen import (
     ANY_ORDER,
+    CommonLibrary,
     NotCompiled,
-    build_library,
     compiler,
-    compiles,
+    is_interpreted,
 )
 
 Options = Mapping[str, Mapping[str, Any]]  # keys: solver names
@@ -71,18 +71,25 @@ def as_ipopt_knows(options: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-_known: dict[tuple[str, str], Path | None] = {}  # keys: solver and compiler
+_HERE = Path(__file__).parent
+LIBRARIES = {
+    NAME: CommonLibrary(NAME, (_HERE / "_ldl.c").read_text("utf-8"), ("-O2",)),
+    BAND: CommonLibrary(BAND, (_HERE / "_band.c").read_text("utf-8"), ("-O3", *ANY_ORDER)),
+}
+_known: dict[tuple[str, str | None], Path | None] = {}  # keys: solver and compiler
 
 
 def linear_solver_library(name: str = NAME) -> Path | None:
     """Return the library of "ldl" or "band"; None if a compiler or AMD is missing or fails."""
-    cc = compiler() if compiles() else None
-    if cc is None:
+    cc = compiler()
+    if is_interpreted() or (cc is None and not LIBRARIES[name].in_wheel.exists()):
         return None
     if (name, cc) not in _known:
         reason = ""
         try:
-            built = _built(cc) if name == NAME else _built_band(cc)
+            built = LIBRARIES[name].path()
+            if name == NAME:
+                ctypes.CDLL(str(built)).order_with(_amd())  # stays loaded: IPOPT opens this one
         except (OSError, AttributeError, RuntimeError, subprocess.SubprocessError) as problem:
             if deadline.over():  # compilation may succeed another time
                 return None
@@ -93,18 +100,9 @@ def linear_solver_library(name: str = NAME) -> Path | None:
     return _known[name, cc]
 
 
-def _built_band(cc: str) -> Path:
-    source = Path(__file__).with_name("_band.c").read_text("utf-8")
-    return build_library(source, BAND, cc, "-O3", further=ANY_ORDER)
-
-
-def _built(cc: str) -> Path:
-    source = Path(__file__).with_suffix(".c").read_text("utf-8")
+def _amd() -> Any:
     name = "libosqp.dylib" if sys.platform == "darwin" else "libosqp.so"
-    amd = ctypes.CDLL(str(Path(ca.GlobalOptions.getCasadiPath()) / name)).amd_l_order
-    built = build_library(source, NAME, cc, "-O2")
-    ctypes.CDLL(str(built)).order_with(amd)  # stays loaded: IPOPT opens this instance
-    return built
+    return ctypes.CDLL(str(Path(ca.GlobalOptions.getCasadiPath()) / name)).amd_l_order
 
 
 # installed solvers --------------------------------------------------------------------------------

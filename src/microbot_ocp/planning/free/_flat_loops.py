@@ -18,15 +18,13 @@ import ctypes
 import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from microbot_ocp._base import codegen
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp._base.codegen import ANY_ORDER, build_library, compiles
+from microbot_ocp._base.codegen import ANY_ORDER, CommonLibrary
 from microbot_ocp.planning.free._flat_rows import NOWHERE, FlatRows, Scales, WindowPlaces
 from microbot_ocp.planning.free._point_limits import ORDERS
 from microbot_ocp.planning.free._spline import PLACES, SLOPES, IntArray, Windows
@@ -456,19 +454,16 @@ def _at(array: FloatArray) -> ctypes.c_void_p:
     return ctypes.c_void_p(array.ctypes.data)
 
 
-@lru_cache(maxsize=1)
-def _library(cc: str) -> ctypes.CDLL | None:
-    text = Path(__file__).with_name("_windows.c").read_text("utf-8")
-    try:
-        return ctypes.CDLL(str(build_library(text, "windows", cc, "-O3", further=ANY_ORDER)))
-    except (OSError, RuntimeError, subprocess.SubprocessError):
-        return None  # the numpy loops give equal results, more slowly
+WINDOWS = CommonLibrary(
+    "windows", Path(__file__).with_name("_windows.c").read_text("utf-8"), ("-O3", *ANY_ORDER)
+)
 
 
 def loops_of(rows: FlatRows, form: Form, places: Sequence[WindowPlaces]) -> NumpyLoops:
-    """Return the loops of a program: in C if there is a compiler."""
+    """Return the loops of a program: in C if possible."""
     pairs = zip(rows.layout.every, places, strict=True)
     moved = [MovedWindows(windows, place, form) for windows, place in pairs]
-    cc = codegen.compiler() if compiles() else None
-    library = _library(cc) if cc is not None else None
-    return NumpyLoops(moved) if library is None else CompiledLoops(moved, library)
+    try:
+        return CompiledLoops(moved, ctypes.CDLL(str(WINDOWS.path())))
+    except (OSError, RuntimeError, subprocess.SubprocessError):
+        return NumpyLoops(moved)  # equal results, more slowly
