@@ -351,6 +351,8 @@ class FlatTranscription:
         if first is not None:
             # IPOPT reduces its barrier parameter only at a stationary point: begin with the last.
             given["mu_init"] = last if self._is_stiff and not rough else first
+            if rough:  # no barrier problem is solved more exactly than the program itself
+                given["barrier_tol_factor"] = max(BARRIER_FACTOR, ROUGH_DUAL / first)
         more = dict(settings.options.get("ipopt", {}))
         more.pop("linear_solver", None)
         given |= more
