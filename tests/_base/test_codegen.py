@@ -384,29 +384,79 @@ def test_cache_folder_follows_the_environment(
     assert codegen.cache_folder() == Path.home() / ".cache" / "microbot_ocp"
 
 
-@needs_compiler
-@compiles
-def test_a_wheel_has_what_no_robot_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    via = [[0.0, 0.1, 0.2], [0.5, 0.6, -0.4]]
-    usual = mo.time_optimal(mo.load_robot("microbot"), via, mesh=12, starts=1)
-    wheel = tmp_path / "wheel"
-    wheel.mkdir()
-    monkeypatch.setattr(codegen, "COMMON", wheel)
-    common = [*_ldl.LIBRARIES.values(), WINDOWS, *map(fast_calls.rows_library, (True, False))]
-    built = [library.compile_for_wheel(wheel) for library in common]
-    assert built == [library.in_wheel for library in common]
+def common_libraries() -> list[codegen.CommonLibrary]:
+    return [*_ldl.LIBRARIES.values(), WINDOWS, *map(fast_calls.rows_library, (True, False))]
+
+
+@pytest.fixture
+def wheel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The libraries of a wheel, on a machine without a compiler."""
+    folder = tmp_path / "wheel"
+    folder.mkdir()
+    monkeypatch.setattr(codegen, "WHEEL_FOLDER", folder)
+    monkeypatch.setattr(codegen, "_found", {})
+    monkeypatch.setattr(_ldl, "_known", {})
+    for library in common_libraries():
+        library.compile_for_wheel(folder)
     for module in (codegen, _ldl):
         monkeypatch.setattr(module, "compiler", lambda: None)
-    monkeypatch.setattr(_ldl, "_known", {})
     fast_calls._interpreter.cache_clear()
+    yield folder
+    fast_calls._interpreter.cache_clear()
+
+
+needed = codegen.NEEDED_INSTRUCTIONS.get(platform.machine(), set())
+runs_wheels = pytest.mark.skipif(
+    platform.machine() not in codegen.WHEEL_FLAGS or not needed <= {*codegen.processor().split()},
+    reason="wheels have no libraries for this machine",
+)
+
+
+@needs_compiler
+@runs_wheels
+def test_without_a_compiler_the_libraries_of_a_wheel_serve(wheel: Path):
+    assert [library.path().parent for library in common_libraries()] == [wheel] * 5
     with warnings.catch_warnings():
         warnings.simplefilter("error", codegen.NotCompiled)
-        assert _ldl.linear_solver_library(_ldl.BAND) == built[1]
-        found = mo.time_optimal(mo.load_robot("microbot"), via, mesh=12, starts=1)
-    assert found.duration == pytest.approx(usual.duration, rel=1e-6)
-    fast_calls._interpreter.cache_clear()
+        assert _ldl.linear_solver_library(_ldl.BAND) == _ldl.LIBRARIES[_ldl.BAND].path()
+        table = fast_calls.rows_in_place(doubled("of_the_wheel", 2.5))(3)
+    table.inputs[0][:] = [[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]
+    table.run()
+    assert table.outputs[0].tolist() == [[2.5, 5.0], [7.5, 10.0], [12.5, 15.0]]
+
+
+@needs_compiler
+@runs_wheels
+@pytest.mark.parametrize("why", ["another text", "another processor", "another system"])
+def test_a_library_that_does_not_fit_is_not_loaded(wheel: Path, monkeypatch, why: str):
+    library = WINDOWS
+    if why == "another text":
+        library = replace(WINDOWS, text=f"{WINDOWS.text}\n")
+    elif why == "another system":
+        library.wheel_path.write_text("for another system")
+    else:
+        monkeypatch.setitem(codegen.NEEDED_INSTRUCTIONS, platform.machine(), {"no such set"})
     with pytest.raises(RuntimeError, match="no C compiler"):
-        replace(WINDOWS, text=f"{WINDOWS.text}\n").path()
-    monkeypatch.setitem(codegen.COMMON_SETS, platform.machine(), {"no such set"})
-    with pytest.raises(RuntimeError, match="no C compiler"):
-        WINDOWS.path()
+        library.path()
+
+
+def test_a_compiler_that_fails_is_asked_once_for_a_common_library(monkeypatch):
+    asked = []
+
+    def fails(*_, **__):
+        asked.append(1)
+        raise RuntimeError("it ended with status 1")
+
+    monkeypatch.setattr(codegen, "_found", {})
+    monkeypatch.setattr(codegen, "compiler", lambda: "/bin/false")
+    monkeypatch.setattr(codegen, "build_library", fails)
+    for _ in range(2):
+        with pytest.raises(RuntimeError, match="status 1"):
+            replace(WINDOWS, text="int unlike;").path()
+    assert len(asked) == 1
+
+
+@needs_compiler
+def test_common_libraries_serve_where_functions_are_interpreted():
+    with codegen.interpreted():
+        assert all(library.path().exists() for library in common_libraries())

@@ -612,7 +612,7 @@ def test_doctor_names_a_missing_linear_solver_and_what_takes_its_place(ask, monk
         raise AttributeError("amd_l_order")
 
     monkeypatch.setattr(_ldl, "_known", {})
-    monkeypatch.setattr(_ldl, "_amd", without_amd)
+    monkeypatch.setattr(_ldl, "_amd_ordering", without_amd)
     with warned("MUMPS", "ldl", "amd_l_order"):
         code, document = ask("doctor")
     found = {finding["name"]: finding for finding in document["findings"]}

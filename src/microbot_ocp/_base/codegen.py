@@ -13,6 +13,7 @@ to it, a private folder is used instead, with the warning :class:`PrivateCache`.
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import hashlib
 import json
 import os
@@ -44,10 +45,10 @@ ANY_ORDER = ("-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math")
 # Recursive Newton-Euler gains nothing with 3 joints and 6 % with 7; derivatives with 7 joints run
 # in a third of the time (fused multiply-add). The key of the cache therefore has the processor.
 NATIVE = "-march=native"
-# A wheel has libraries for x86-64 processors with AVX2 and FMA, or for all of 64-bit ARM.
-COMMON = Path(__file__).parents[1] / "compiled"  # folder of a wheel's libraries
-COMMON_FLAGS = {"x86_64": ("-march=x86-64-v3",), "aarch64": (), "arm64": ()}
-COMMON_SETS = {"x86_64": {"avx2", "bmi2", "fma"}}  # instruction sets that these flags need
+# Libraries of a wheel run on x86-64 processors with the instruction sets below, or on 64-bit ARM.
+WHEEL_FOLDER = Path(__file__).parents[1] / "compiled"
+WHEEL_FLAGS = {"x86_64": ("-mavx2", "-mbmi2", "-mfma"), "aarch64": (), "arm64": ()}
+NEEDED_INSTRUCTIONS = {"x86_64": {"avx2", "bmi2", "fma"}}
 
 
 # The compile time of a derivative, one long block, grows faster than its length. The Panda's
@@ -190,11 +191,6 @@ def interpreted() -> Iterator[None]:
         yield
     finally:
         _interpreted.reset(token)
-
-
-def is_interpreted() -> bool:
-    """Return True inside of :func:`interpreted`."""
-    return _interpreted.get()
 
 
 def compiles(wanted: bool = True) -> bool:
@@ -462,38 +458,68 @@ class CommonLibrary:
     flags: tuple[str, ...]
 
     @property
-    def in_wheel(self) -> Path:
+    def wheel_path(self) -> Path:
         """Path of the wheel's library. Text or flags that differ from the wheel's change it."""
-        identity = repr((self.text, self.flags, COMMON_FLAGS))
-        return COMMON / f"{self.stem}_{hashlib.sha256(identity.encode()).hexdigest()[:12]}.so"
+        identity = repr((self.text, self.flags, WHEEL_FLAGS))
+        name = f"{self.stem}_{hashlib.sha256(identity.encode()).hexdigest()[:12]}.so"
+        return WHEEL_FOLDER / name
 
     def path(self) -> Path:
         """Return the library: from the wheel, from the cache, or newly compiled.
 
+        It is also used inside of :func:`interpreted`, since it serves all robots.
+
         Raises
         ------
         OSError, subprocess.SubprocessError, RuntimeError
-            Errors of :func:`build_library`; there is no compiler, or functions are not compiled.
+            Errors of :func:`build_library`, or there is no compiler. A compiler that failed is not
+            asked again.
         """
-        if is_interpreted():
-            raise RuntimeError("functions are not compiled here")
-        sets = COMMON_SETS.get(platform.machine(), set())
-        if self.in_wheel.exists() and sets <= {*processor().split()}:
-            return self.in_wheel
+        key = (self.wheel_path, compiler())
+        found = _found.get(key)
+        if found is None or (isinstance(found, Path) and not found.exists()):
+            found = self._search()
+        if not deadline.over():  # compilation may succeed another time
+            _found[key] = found
+        if isinstance(found, Exception):
+            raise found
+        return found
+
+    def _search(self) -> Path | Exception:
+        needed = NEEDED_INSTRUCTIONS.get(platform.machine(), set())
+        if self.wheel_path.exists() and needed <= {*processor().split()}:
+            with contextlib.suppress(OSError):  # an older C library than the wheel's
+                ctypes.CDLL(str(self.wheel_path))
+                return self.wheel_path
         cc = compiler()
         if cc is None:
-            raise RuntimeError("no C compiler was found")
-        return build_library(self.text, self.stem, cc, self.flags[0], further=self.flags[1:])
+            return RuntimeError("no C compiler was found")
+        try:
+            return build_library(self.text, self.stem, cc, self.flags[0], further=self.flags[1:])
+        except (OSError, subprocess.SubprocessError, RuntimeError) as problem:
+            return problem
 
-    def compile_for_wheel(self, folder: Path) -> Path | None:
-        """Compile the library for all processors of this machine's kind; None if that fails."""
-        cc, given = compiler(), COMMON_FLAGS.get(platform.machine())
-        if cc is None or given is None:
-            return None
-        text, library = folder / f"{self.stem}.c", folder / self.in_wheel.name
+    def compile_for_wheel(self, folder: Path) -> Path:
+        """Compile the library for all processors of this kind of machine.
+
+        Raises
+        ------
+        OSError, RuntimeError
+            There is no compiler, none for this kind of machine, or the compiler failed.
+        """
+        cc, of_machine = compiler(), WHEEL_FLAGS.get(platform.machine())
+        if cc is None or of_machine is None:
+            raise RuntimeError("no C compiler was found, or no flags for this machine")
+        text, library = folder / f"{self.stem}.c", folder / self.wheel_path.name
         text.write_text(self.text, "utf-8")
-        command = [cc, *given, *self.flags, *FLAGS, str(text), "-o", str(library), "-lm"]
-        return None if _run(command, folder / "messages") else library
+        command = [cc, *of_machine, *self.flags, *FLAGS, str(text), "-o", str(library), "-lm"]
+        if _run(command, folder / "messages"):
+            raise RuntimeError(shortened((folder / "messages").read_text(errors="replace"), 300))
+        return library
+
+
+# Libraries that all robots share, by path in a wheel and compiler, or why there is none.
+_found: dict[tuple[Path, str | None], Path | Exception] = {}
 
 
 _running: set[subprocess.Popen[Any]] = set()

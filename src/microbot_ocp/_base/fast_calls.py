@@ -470,7 +470,7 @@ def _by_table(
 ) -> Callable[[int, list[FloatArray]], tuple[FloatArray, ...]] | None:
     """Return a function of many rows by an operation table, with transposed outputs.
 
-    None if the function has no such table or there is no compiler.
+    None if the function has no such table or the interpreter is missing.
     """
     prepared = _table_in_place(function, alike)
     if prepared is None:
@@ -491,7 +491,7 @@ def _table_in_place(
 ) -> Callable[[int], RowsInPlace] | None:
     """Return the maker of memory for a number of rows, evaluated by an operation table.
 
-    None if the function has no such table or there is no compiler.
+    None if the function has no such table or the interpreter is missing.
     """
     table = table_of(function)
     if table is None:

@@ -2,7 +2,7 @@
 
 The first is L D L' with AMD ordering: stage by stage, the matrices of an optimal-control program
 are small, and MUMPS spends most of its time on bookkeeping. ``_ldl.c`` describes the method. AMD is
-taken from the OSQP library that comes with CasADi. MUMPS is used if AMD or a compiler is missing,
+taken from the OSQP library that comes with CasADi. MUMPS is used if AMD or the library is missing,
 and after IPOPT fails or finds a program infeasible with L D L'. The second solver, ``_band.c``, is
 for programs with few equations and a banded matrix.
 
@@ -31,7 +31,6 @@ from microbot_ocp._base.codegen import (
     CommonLibrary,
     NotCompiled,
     compiler,
-    is_interpreted,
 )
 
 Options = Mapping[str, Mapping[str, Any]]  # keys: solver names
@@ -80,27 +79,26 @@ _known: dict[tuple[str, str | None], Path | None] = {}  # keys: solver and compi
 
 
 def linear_solver_library(name: str = NAME) -> Path | None:
-    """Return the library of "ldl" or "band"; None if a compiler or AMD is missing or fails."""
+    """Return the library of "ldl" or "band"; None if it cannot be built, or AMD is missing."""
     cc = compiler()
-    if is_interpreted() or (cc is None and not LIBRARIES[name].in_wheel.exists()):
-        return None
     if (name, cc) not in _known:
         reason = ""
         try:
             built = LIBRARIES[name].path()
             if name == NAME:
-                ctypes.CDLL(str(built)).order_with(_amd())  # stays loaded: IPOPT opens this one
+                # It stays loaded: IPOPT opens this instance.
+                ctypes.CDLL(str(built)).order_with(_amd_ordering())
         except (OSError, AttributeError, RuntimeError, subprocess.SubprocessError) as problem:
             if deadline.over():  # compilation may succeed another time
                 return None
-            built, reason = None, shortened(str(problem), 160)
+            built, reason = None, shortened(str(problem), 160) if cc is not None else ""
         _known[name, cc] = built
-        if built is None:
+        if reason:
             warn_user(f"MUMPS replaces the linear solver {name!r}, slower: {reason}", NotCompiled)
     return _known[name, cc]
 
 
-def _amd() -> Any:
+def _amd_ordering() -> Any:
     name = "libosqp.dylib" if sys.platform == "darwin" else "libosqp.so"
     return ctypes.CDLL(str(Path(ca.GlobalOptions.getCasadiPath()) / name)).amd_l_order
 

@@ -24,7 +24,7 @@ from typing import Any
 
 import casadi as ca
 
-from microbot_ocp._base.threads import expanded
+from microbot_ocp._base.threads import expanded, makes_scalars
 
 Functions = Sequence[ca.Function]
 HEAVY = 400  # number of operations above which a function is differentiated separately
@@ -156,16 +156,20 @@ def _composed_jacobian(stage: Composition, first: Functions) -> ca.Function:
     """Return the function ``(v, c) -> [next; rows], Jacobian, cost, gradient``, all by v."""
     v, c = stage.outer.mx_in()[:2]
     w, through = _results(stage, first, v, c)
-    sv, sc, sw = stage.outer.sx_in()
-    following, rows, cost = stage.outer(sv, sc, sw)
-    both = ca.vertcat(following, rows)
-    outputs = [both, cost, *(ca.jacobian(k, x) for x in (sv, sw) for k in (both, cost))]
-    # Derivatives of the outer formulas alone: g, phi, g_v, phi_v, g_w, phi_w.
-    light = ca.Function("stage_light_jacobian", [sv, sc, sw], ca.cse(outputs))
-    both, cost, by_v, slope_v, by_w, slope_w = light(v, c, w)
+    both, cost, by_v, slope_v, by_w, slope_w = _light_jacobian(stage)(v, c, w)
     # Chain rule with T = dw/dv.
     gradient = ca.densify((slope_v + slope_w @ through).T)
     return ca.Function("stage_jacobian", [v, c], [both, by_v + by_w @ through, cost, gradient])
+
+
+@makes_scalars
+def _light_jacobian(stage: Composition) -> ca.Function:
+    """Return derivatives of the outer formulas alone: g, phi, g_v, phi_v, g_w, phi_w."""
+    v, c, w = stage.outer.sx_in()
+    following, rows, cost = stage.outer(v, c, w)
+    both = ca.vertcat(following, rows)
+    outputs = [both, cost, *(ca.jacobian(k, x) for x in (v, w) for k in (both, cost))]
+    return ca.Function("stage_light_jacobian", [v, c, w], ca.cse(outputs))
 
 
 def _composed_hessian(stage: Composition, first: Functions, second: Functions) -> ca.Function:
@@ -219,6 +223,7 @@ def _results(stage: Composition, first: Functions, v: ca.MX, c: ca.MX) -> tuple[
     return ca.vertcat(*results), ca.vertcat(*through)
 
 
+@makes_scalars
 def _slopes(calls: Calls) -> ca.Function:
     """Return the function ``(v, c) -> A [a, K], A_v``, with the rows of A_v call by call."""
     v, c = calls.arguments.sx_in()
@@ -227,6 +232,7 @@ def _slopes(calls: Calls) -> ca.Function:
     return ca.Function("stage_slopes", [v, c], ca.cse([ca.densify(arguments), slopes]))
 
 
+@makes_scalars
 def _light_hessian(stage: Composition) -> tuple[ca.Function, ca.Function]:
     """Return the functions of weights and of light second derivatives.
 
@@ -259,6 +265,7 @@ def _at_every_call(function: ca.Function, arguments: ca.MX, *more: ca.MX) -> lis
     return list(outputs) if isinstance(outputs, tuple) else [outputs]
 
 
+@makes_scalars
 def _derivatives_of(function: ca.Function) -> tuple[ca.Function, ca.Function]:
     inputs = function.sx_in()
     stacked, values = ca.vertcat(*inputs), ca.vertcat(*function.call(inputs))

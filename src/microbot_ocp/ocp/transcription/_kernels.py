@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp._base.threads import expanded, making_scalars, with_constants_kept
+from microbot_ocp._base.threads import expanded, makes_scalars
 from microbot_ocp.ocp.problem import (
     PathConstraint,
     Phase,
@@ -115,19 +115,18 @@ def with_derivatives(
     the end of a phase took 5 s of processor time.
     """
     derived: list[ca.Function] = []
-    with making_scalars:
-        for function, composition in itertools.zip_longest(functions, compositions):
-            is_point = bool(derived)
-            if composition is not None and is_point:
-                given = (derivatives(calls.function) or () for calls in composition.calls)
-                composition = composition if all(len(parts) > 2 for parts in given) else None
-            if composition is None:
-                derived += _derivatives(_without_repeats(function))
-                continue
-            composed, *rest = composed_derivatives(composition, derivatives)
-            value = None if is_point else composed
-            derived += [value or _without_repeats(function), *rest]
-        return [with_constants_kept(function) for function in derived]
+    for function, composition in itertools.zip_longest(functions, compositions):
+        is_point = bool(derived)
+        if composition is not None and is_point:
+            given = (derivatives(calls.function) or () for calls in composition.calls)
+            composition = composition if all(len(parts) > 2 for parts in given) else None
+        if composition is None:
+            derived += _derivatives(_without_repeats(function))
+            continue
+        composed, *rest = composed_derivatives(composition, derivatives)
+        value = None if is_point else composed
+        derived += [value or _without_repeats(function), *rest]
+    return derived
 
 
 def build_kernels(
@@ -161,6 +160,7 @@ def build_kernels(
     return Kernels(first, tuple(points), _without_repeats(_expanded(dense)))
 
 
+@makes_scalars
 def light_cost(function: ca.Function) -> ca.Function | None:
     """Return the cost of a stage or of points, their last output, with its gradient.
 
@@ -171,9 +171,8 @@ def light_cost(function: ca.Function) -> ca.Function | None:
     if not cost.is_a("SXFunction") or cost.n_instructions() >= HEAVY:
         return None
     v, c = cost.sx_in()
-    with making_scalars:
-        value = cost(v, c)
-        return ca.Function("cost", [v, c], [value, ca.densify(ca.gradient(value, v))])
+    value = cost(v, c)
+    return ca.Function("cost", [v, c], [value, ca.densify(ca.gradient(value, v))])
 
 
 class _Rows:
@@ -386,15 +385,16 @@ def _expanded(function: ca.Function) -> ca.Function:
         return function
 
 
+@makes_scalars
 def _without_repeats(function: ca.Function) -> ca.Function:
     deadline.check()
     if not function.is_a("SXFunction"):
         return function
     inputs = function.sx_in()
-    with making_scalars:
-        return ca.Function(function.name(), inputs, ca.cse(function.call(inputs)))
+    return ca.Function(function.name(), inputs, ca.cse(function.call(inputs)))
 
 
+@makes_scalars
 def _derivatives(function: ca.Function) -> tuple[ca.Function, ca.Function, ca.Function]:
     """Return the function of a stage or of points, its Jacobian and its Hessian."""
     symbols: Any = function.sx_in() if function.is_a("SXFunction") else function.mx_in()

@@ -7,7 +7,7 @@ weighted sum of limits, with gradient g and Hessian G, has the second derivative
 ``W' G W``,  ``W' G dy/dT + (dW/dT)' g``  and  ``(dy/dT)' G dy/dT + g' d^2y/dT^2``
 
 by the unknowns, by unknowns and duration, and by the duration. ``_windows.c`` has the same loops in
-C, which avoid numpy's temporary arrays; without a compiler numpy is used.
+C, which avoid numpy's temporary arrays; without that library numpy is used.
 
 Theory: docs/theory/flat.md, equations (2) and (3).
 """

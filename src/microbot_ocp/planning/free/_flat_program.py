@@ -348,17 +348,17 @@ class FlatTranscription:
             "nlp_scaling_method": "none",  # rows and unknowns are scaled already
             "compl_inf_tol": end,
         }
+        tolerance = max(settings.tolerance, ROUGH_DUAL if rough else DUAL)
         if first is not None:
             # IPOPT reduces its barrier parameter only at a stationary point: begin with the last.
             given["mu_init"] = last if self._is_stiff and not rough else first
-            if rough:  # no barrier problem is solved more exactly than the program itself
-                given["barrier_tol_factor"] = max(BARRIER_FACTOR, ROUGH_DUAL / first)
+            if rough:  # the first barrier problem is solved no more exactly than the program
+                given["barrier_tol_factor"] = max(BARRIER_FACTOR, tolerance / first)
         more = dict(settings.options.get("ipopt", {}))
         more.pop("linear_solver", None)
         given |= more
         options = {**settings.options, "ipopt": given}
-        least = ROUGH_DUAL if rough else DUAL
-        return replace(settings, tolerance=max(settings.tolerance, least), options=options)
+        return replace(settings, tolerance=tolerance, options=options)
 
     # starts -----------------------------------------------------------------------------------
 
