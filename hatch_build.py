@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import platform
+import subprocess
 import sys
 import sysconfig
 import tempfile
@@ -41,7 +42,7 @@ class CommonLibraries(BuildHookInterface):
         self.folder = tempfile.TemporaryDirectory()
         try:
             built = [library.compile_for_wheel(Path(self.folder.name)) for library in common]
-        except (OSError, RuntimeError) as problem:
+        except (OSError, subprocess.SubprocessError, RuntimeError) as problem:
             self.app.display_warning(f"a wheel without compiled libraries: {problem}")
             return
         for path in built:

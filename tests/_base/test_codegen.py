@@ -9,7 +9,7 @@ import signal
 import stat
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -389,7 +389,7 @@ def common_libraries() -> list[codegen.CommonLibrary]:
 
 
 @pytest.fixture
-def wheel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def wheel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """The libraries of a wheel, on a machine without a compiler."""
     folder = tmp_path / "wheel"
     folder.mkdir()
@@ -414,13 +414,19 @@ runs_wheels = pytest.mark.skipif(
 
 @needs_compiler
 @runs_wheels
-def test_without_a_compiler_the_libraries_of_a_wheel_serve(wheel: Path):
+def test_without_a_compiler_the_libraries_of_a_wheel_serve(wheel: Path, monkeypatch):
+    def without_amd():
+        raise AttributeError("amd_l_order")
+
     assert [library.path().parent for library in common_libraries()] == [wheel] * 5
     with warnings.catch_warnings():
         warnings.simplefilter("error", codegen.NotCompiled)
         assert _ldl.linear_solver_library(_ldl.BAND) == _ldl.LIBRARIES[_ldl.BAND].path()
         table = fast_calls.rows_in_place(doubled("of_the_wheel", 2.5))(3)
     table.inputs[0][:] = [[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]
+    with warned("MUMPS", "ldl", "amd_l_order", category=codegen.NotCompiled):
+        monkeypatch.setattr(_ldl, "_amd_ordering", without_amd)
+        assert _ldl.linear_solver_library(_ldl.NAME) is None
     table.run()
     assert table.outputs[0].tolist() == [[2.5, 5.0], [7.5, 10.0], [12.5, 15.0]]
 

@@ -27,7 +27,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import ContextVar, copy_context
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -424,19 +424,40 @@ def build_library(
         raise FileNotFoundError(library)
     with temporary_path(folder / stem) as work:
         work.mkdir(mode=0o700)
-        text, compiled = work / "function.c", work / "function.so"
-        text.write_text(source if isinstance(source, str) else source(), "utf-8")
-        rest = [*flags, str(text), *map(str, objects), "-o", str(compiled), "-lm"]
-        messages = work / "messages"
+        text = source if isinstance(source, str) else source()
         # A compiler that rejects the flag of the processor gets a second call without it.
-        status = _run([cc, NATIVE, *rest], messages) and _run([cc, *rest], messages)
-        if status:
-            ending = " ".join(messages.read_bytes().decode(errors="replace").split())
-            raise RuntimeError(f"{cc} ended with status {status}: {shortened(ending, 100)}")
+        compiled = _compiled_text(work, text, cc, [(NATIVE,), ()], (*flags, *map(str, objects)))
         content = content_of(compiled)
     # The folder is gone before the library is whole: nobody compiles again, nobody would remove it.
     _keep(library, content)
     return library
+
+
+def _compiled_text(
+    work: Path, text: str, cc: str, of_processor: Sequence[Sequence[str]], rest: Sequence[str]
+) -> Path:
+    """Return the library of C text, compiled in a folder; flags of the processor are alternatives.
+
+    Raises
+    ------
+    subprocess.SubprocessError, RuntimeError
+        The compiler took too long, or failed with all of the alternatives.
+    """
+    source, library, messages = work / "function.c", work / "function.so", work / "messages"
+    source.write_text(text, "utf-8")
+    status = 0
+    for flags in of_processor:
+        # Libraries follow the text that needs them.
+        command = [cc, *flags, str(source), *rest, "-o", str(library), "-lm"]
+        status = _run(command, messages)
+        if not status:
+            return library
+    ending = " ".join(messages.read_bytes().decode(errors="replace").split())
+    raise RuntimeError(f"{cc} ended with status {status}: {shortened(ending, 100)}")
+
+
+class NoCompiler(RuntimeError):
+    """There is no C compiler."""
 
 
 @dataclass(frozen=True)
@@ -457,12 +478,15 @@ class CommonLibrary:
     text: str
     flags: tuple[str, ...]
 
+    @cached_property
+    def _name(self) -> str:
+        identity = repr((self.text, self.flags, WHEEL_FLAGS))
+        return f"{self.stem}_{hashlib.sha256(identity.encode()).hexdigest()[:12]}.so"
+
     @property
     def wheel_path(self) -> Path:
         """Path of the wheel's library. Text or flags that differ from the wheel's change it."""
-        identity = repr((self.text, self.flags, WHEEL_FLAGS))
-        name = f"{self.stem}_{hashlib.sha256(identity.encode()).hexdigest()[:12]}.so"
-        return WHEEL_FOLDER / name
+        return WHEEL_FOLDER / self._name
 
     def path(self) -> Path:
         """Return the library: from the wheel, from the cache, or newly compiled.
@@ -472,7 +496,7 @@ class CommonLibrary:
         Raises
         ------
         OSError, subprocess.SubprocessError, RuntimeError
-            Errors of :func:`build_library`, or there is no compiler. A compiler that failed is not
+            Errors of :func:`build_library`, or :class:`NoCompiler`. A compiler that failed is not
             asked again.
         """
         key = (self.wheel_path, compiler())
@@ -493,7 +517,7 @@ class CommonLibrary:
                 return self.wheel_path
         cc = compiler()
         if cc is None:
-            return RuntimeError("no C compiler was found")
+            return NoCompiler("no C compiler was found")
         try:
             return build_library(self.text, self.stem, cc, self.flags[0], further=self.flags[1:])
         except (OSError, subprocess.SubprocessError, RuntimeError) as problem:
@@ -504,18 +528,14 @@ class CommonLibrary:
 
         Raises
         ------
-        OSError, RuntimeError
+        OSError, subprocess.SubprocessError, RuntimeError
             There is no compiler, none for this kind of machine, or the compiler failed.
         """
         cc, of_machine = compiler(), WHEEL_FLAGS.get(platform.machine())
         if cc is None or of_machine is None:
             raise RuntimeError("no C compiler was found, or no flags for this machine")
-        text, library = folder / f"{self.stem}.c", folder / self.wheel_path.name
-        text.write_text(self.text, "utf-8")
-        command = [cc, *of_machine, *self.flags, *FLAGS, str(text), "-o", str(library), "-lm"]
-        if _run(command, folder / "messages"):
-            raise RuntimeError(shortened((folder / "messages").read_text(errors="replace"), 300))
-        return library
+        compiled = _compiled_text(folder, self.text, cc, [of_machine], (*self.flags, *FLAGS))
+        return compiled.rename(folder / self._name)
 
 
 # Libraries that all robots share, by path in a wheel and compiler, or why there is none.

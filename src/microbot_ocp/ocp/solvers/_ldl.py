@@ -29,6 +29,7 @@ from microbot_ocp._base.checks import InputError, shortened, shown, warn_user
 from microbot_ocp._base.codegen import (
     ANY_ORDER,
     CommonLibrary,
+    NoCompiler,
     NotCompiled,
     compiler,
 )
@@ -88,10 +89,12 @@ def linear_solver_library(name: str = NAME) -> Path | None:
             if name == NAME:
                 # It stays loaded: IPOPT opens this instance.
                 ctypes.CDLL(str(built)).order_with(_amd_ordering())
+        except NoCompiler:  # MUMPS is usual then; the doctor says so
+            built = None
         except (OSError, AttributeError, RuntimeError, subprocess.SubprocessError) as problem:
             if deadline.over():  # compilation may succeed another time
                 return None
-            built, reason = None, shortened(str(problem), 160) if cc is not None else ""
+            built, reason = None, shortened(str(problem), 160)
         _known[name, cc] = built
         if reason:
             warn_user(f"MUMPS replaces the linear solver {name!r}, slower: {reason}", NotCompiled)
