@@ -382,6 +382,27 @@ def test_the_band_solver_solves_and_tells_the_inertia(seed, equations):
 
 
 @needs_a_compiler
+def test_durations_of_many_short_phases_are_the_border_of_the_band():
+    """They are coupled to hardly more unknowns than a coefficient is, but widen the band by far."""
+    rng, phases, inside, width = np.random.default_rng(0), 40, 8, 3
+    unknowns, each, rows = phases * inside, 2 * inside, 2 * phases * inside
+    jacobian = np.zeros((rows, unknowns + phases))
+    for r, first in enumerate(
+        rng.integers(0, inside - width, rows) + np.arange(rows) // each * inside
+    ):
+        jacobian[r, first : first + width] = rng.normal(size=width)
+        jacobian[r, unknowns + r // each] = rng.normal()
+    hessian = np.diag(rng.uniform(10.0, 20.0, unknowns + phases)) + 0.1 * jacobian.T @ jacobian
+    eye, nothing = np.eye(rows), np.zeros((unknowns + phases, rows))
+    blocks = [[hessian, nothing, jacobian.T], [nothing.T, eye, -eye], [jacobian, -eye, -1e-6 * eye]]
+    matrix = np.block(blocks)
+    negative, solve, integers = factored(matrix, rows)
+    assert (negative, integers[3]) == (rows, phases)
+    right = rng.normal(size=len(matrix))
+    np.testing.assert_allclose(matrix @ solve(right), right, atol=1e-8)
+
+
+@needs_a_compiler
 def test_the_band_solver_trusts_nothing_that_another_one_left_in_its_memory(tmp_path):
     """IPOPT unloads the library with a solver; malloc gives the next one the same memory."""
     matrix, rows = banded_matrix(np.random.default_rng(0))

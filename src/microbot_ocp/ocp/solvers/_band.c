@@ -46,7 +46,6 @@
 #define WIDE 8         /* numbers per vector instruction */
 #define BLOCK 8        /* rows that are added in one pass */
 #define WIDEST 1024    /* largest length of a column of the band */
-#define OFTEN 2        /* entries of a border unknown, relative to the median of all unknowns */
 #define SPARSE 3       /* span per entry above which a row is stored as a list */
 #define HEAD 8
 #define KEPT 3         /* integers before the places in `ikeep` */
@@ -127,25 +126,71 @@ static Layout counted(int size, int count, const int *irn, const int *icn)
     return (Layout){.unknowns = first + e, .rows = m, .equations = e};
 }
 
+typedef struct { int degree, unknown; } Degree;
+
+static int by_degree(const void *a, const void *b)
+{
+    const Degree *x = a, *y = b;
+    return x->degree != y->degree ? (x->degree < y->degree) - (x->degree > y->degree)
+                                  : (x->unknown > y->unknown) - (x->unknown < y->unknown);
+}
+
 /* Set the places of the unknowns; return 1 if the matrix has the structure (1). The m rows begin at
- * the index `rows`. */
+ * the index `rows`. The border holds the unknowns that are coupled to most others, as many as make
+ * the factorisation cheapest: with b of them the band has the greatest distance, of two coupled
+ * unknowns, among pairs of which both are coupled to fewer others than these b. */
 static int order(int n, int m, int rows, int count, const int *irn, const int *icn, int *place)
 {
-    int *degree = calloc(2 * (long)n, sizeof *degree), i, j, fits = degree != NULL;
+    Degree *degree = calloc(n, sizeof *degree);
+    int *rank = calloc(2L * n + 2 * m + 1 + count, sizeof *rank), *width = rank + n;
+    int *start = width + n, *end = start + m, *member = end + m + 1, i, j;
+    int fits = degree && rank;
+    for (int k = 0; k < n && fits; k++) degree[k].unknown = k;
     for (int k = 0; k < count && fits; k++) {
         sorted(irn, icn, k, &i, &j);
-        if (i < n) degree[i]++, degree[j]++;
+        if (j < n) degree[j].degree++;
+        if (i < n) degree[i].degree++;
         else if (i < rows) fits = i == j;
-        else fits = j < n || j == i || j == i - m;
+        else if (j < n) end[i - rows]++;
+        else fits = j == i || j == i - m;
     }
     if (fits) {
-        int border = 0, band = 0;
-        memcpy(degree + n, degree, n * sizeof *degree);
-        qsort(degree + n, n, sizeof *degree, by_size);
-        for (int k = 0; k < n; k++)
-            place[k] = degree[k] > OFTEN * degree[n + n / 2] ? -1 - border++ : band++;
+        qsort(degree, n, sizeof *degree, by_degree);
+        for (int k = 0; k < n; k++) rank[degree[k].unknown] = k;
+        for (int r = 0; r < m; r++) {
+            start[r] = r ? start[r - 1] + end[r - 1] : 0;
+            if (r) end[r - 1] = start[r - 1];
+        }
+        if (m) end[m - 1] = start[m - 1];
+        for (int k = 0; k < count; k++) {
+            sorted(irn, icn, k, &i, &j);
+            if (i < n) {
+                const int least = rank[i] < rank[j] ? rank[i] : rank[j], apart = abs(i - j) + 1;
+                if (width[least] < apart) width[least] = apart;
+            } else if (i >= rows && j < n) member[end[i - rows]++] = rank[j];
+        }
+        for (int r = 0; r < m; r++) {
+            int low = n, high = -1;
+            qsort(member + start[r], end[r] - start[r], sizeof *member, by_size);
+            for (int k = end[r] - 1; k >= start[r]; k--) {
+                const int each = degree[member[k]].unknown;
+                low = each < low ? each : low, high = each > high ? each : high;
+                if (width[member[k]] < high - low + 1) width[member[k]] = high - low + 1;
+            }
+        }
+        int border = n, wide = 1;
+        double least = INFINITY;
+        for (int b = n; b >= 0; b--) {
+            const double band = n - b;
+            if (b < n && width[b] > wide) wide = width[b];
+            const double work = band * wide * wide + b * band * (2.0 * wide + b) + (double)b * b * b;
+            if (wide <= WIDEST && work <= least) least = work, border = b;
+        }
+        int inside = 0, outside = 0;
+        for (int k = 0; k < n; k++) place[k] = rank[k] < border ? -1 - outside++ : inside++;
     }
     free(degree);
+    free(rank);
     return fits;
 }
 
