@@ -28,6 +28,7 @@ from ._plugins import (
     create as create,
 )
 from ._run import (
+    Runner as Runner,
     Solvers as Solvers,
     accepted as accepted,
     arguments_of as arguments_of,

@@ -1,8 +1,15 @@
 """Public names, loaded on first use."""
 
 from ._assembly import (
+    KernelCalls as KernelCalls,
     Program as Program,
     assemble as assemble,
+    staged as staged,
+)
+from ._kernels import (
+    Kernel as Kernel,
+    kernels_of as kernels_of,
+    with_derivatives as with_derivatives,
 )
 from ._layout import (
     Bounds as Bounds,

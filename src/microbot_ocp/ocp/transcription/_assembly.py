@@ -124,7 +124,7 @@ class _Entries:
 
     def matrix(self, height: int, width: int, *, upper: bool = False) -> ca.MX:
         rows, columns = np.concatenate(self.rows), np.concatenate(self.columns)
-        keep = np.flatnonzero(rows <= columns) if upper else np.arange(rows.size)
+        keep = np.flatnonzero((rows < height) & ((rows <= columns) | (not upper)))
         order = keep[np.lexsort((rows[keep], columns[keep]))]
         rows, columns, values = rows[order], columns[order], ca.vertcat(*self.values)
         # Entries are sorted by column and row (compressed columns): repeated places are adjacent.
@@ -150,32 +150,55 @@ def assemble(layouts: Sequence[PhaseLayout], *, parametric: bool = False) -> Pro
     With ``parametric``, phase parameters are arguments p of the program, otherwise constants.
     """
     bounds = bounds_of(layouts)
-    width, height = bounds.variable_lower.size, bounds.row_lower.size
-    x = ca.MX.sym("x", width)
+    x = ca.MX.sym("x", bounds.variable_lower.size)
     declared = [layout.data for layout in layouts]
     parameters = joined(declared) if parametric else np.zeros(0)
     p = ca.MX.sym("p", parameters.size)
-    offsets = np.cumsum([0, *(d.size for d in declared)]).tolist()
+    edges = np.cumsum([0, *(d.size for d in declared)]).tolist()
+    constants = ca.vertsplit(p, edges) if parametric else [ca.MX(ca.DM(d)) for d in declared]
+    pieces = [k for pair in zip(layouts, constants, strict=True) for k in _pieces(*pair, x)]
+    conditions = [condition for layout in layouts for condition in _conditions(layout)]
+    nlp, functions = staged(x, p, bounds.row_lower.size, pieces, conditions)
+    return Program(
+        layouts=tuple(layouts),
+        nlp={**nlp, **({"p": p} if parametric else {})},
+        functions=functions,
+        **vars(bounds),
+        parameters=parameters,
+    )
+
+
+LinearRows = tuple[np.ndarray, np.ndarray, FloatArray]  # places, columns and factors
+
+
+def staged(
+    x: ca.MX,
+    p: ca.MX,
+    height: int,
+    pieces: Sequence[KernelCalls],
+    conditions: Sequence[LinearRows] = (),
+) -> tuple[dict[str, ca.MX], LazyFunctions]:
+    """Return ``nlp`` and ``functions`` of a program from its kernel calls and linear rows.
+
+    Rows of calls with the index ``height`` are left out.
+    """
+    width = x.numel()
     lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", height)
+    weights = ca.vertcat(lam_g, 0)  # rows that are left out have no weight
     cost = cost_again = ca.MX(0)
     rows, rows_again, gradient, jacobian, hessian = (_Entries() for _ in range(5))
-    for index, layout in enumerate(layouts):
-        begin, end = offsets[index : index + 2]
-        constants = p[begin:end] if parametric else ca.MX(ca.DM(declared[index]))
-        for places, columns, factors in _conditions(layout):
-            for vector in (rows, rows_again):
-                vector.add(places, 0, ca.DM(factors) * x[columns.tolist()])
-            jacobian.add(places, columns, factors)
-        free = layout.transition.places  # the cost does not depend on transition variables
-        gradient.add(free, 0, np.zeros(free.size))
-        for piece in _pieces(layout, x, constants):
-            cost = cost + piece.values(rows)
-            cost_again = cost_again + piece.first_order(rows_again, gradient, jacobian)
-            piece.second_order(lam_f, lam_g, hessian)
+    for places, columns, factors in conditions:
+        for vector in (rows, rows_again):
+            vector.add(places, 0, ca.DM(factors) * x[columns.tolist()])
+        jacobian.add(places, columns, factors)
+    for piece in pieces:
+        cost = cost + piece.values(rows)
+        cost_again = cost_again + piece.first_order(rows_again, gradient, jacobian)
+        piece.second_order(lam_f, weights, hessian)
     # A sum without terms would be a sparse zero, which solvers reject.
     cost, cost_again = ca.densify(cost), ca.densify(cost_again)
     curvature = [x, p, lam_f, lam_g]
-    slope_of_p = ca.MX.zeros(parameters.size)  # solvers require this output but never use it
+    slope_of_p = ca.MX.zeros(p.numel())  # solvers require this output but never use it
     g_again, slope = rows_again.vector(height), gradient.vector(width)
     jacobian_matrix = jacobian.matrix(height, width)
     # Gradient of the Lagrangian lam_f f + lam_g' g.
@@ -194,13 +217,7 @@ def assemble(layouts: Sequence[PhaseLayout], *, parametric: bool = False) -> Pro
         "hessian": lambda: with_hessian(ca.MX(width, 1), upper=False),
         "hessian_upper": lambda: with_hessian(upper=True),
     }
-    return Program(
-        layouts=tuple(layouts),
-        nlp={"x": x, "f": cost, "g": rows.vector(height), **({"p": p} if parametric else {})},
-        functions=LazyFunctions(functions),
-        **vars(bounds),
-        parameters=parameters,
-    )
+    return {"x": x, "f": cost, "g": rows.vector(height)}, LazyFunctions(functions)
 
 
 def _assembled_again(
@@ -210,7 +227,7 @@ def _assembled_again(
 
 
 @dataclass(frozen=True, eq=False)
-class _KernelCalls:
+class KernelCalls:
     """All calls of one kernel: the stages of a phase, or a group of mesh points.
 
     Attributes
@@ -230,6 +247,14 @@ class _KernelCalls:
     v: ca.MX
     arrived: ca.MX
     constants: ca.MX
+
+    @classmethod
+    def at_points(
+        cls, kernel: Kernel, x: ca.MX, variables: np.ndarray, rows: np.ndarray, constants: ca.MX
+    ) -> KernelCalls:
+        """Return the calls of a kernel that determines no next z, for program variables x."""
+        gathered = _gathered(x, variables)
+        return cls(kernel, variables, rows, variables[:, :0], gathered, ca.MX(), constants)
 
     def called(self, function: ca.Function, *more: ca.MX) -> list[ca.MX]:
         """Return outputs of a function of the kernel for all stages or points at once."""
@@ -283,8 +308,8 @@ class _KernelCalls:
         hessian.add(self.variables[:, row], self.variables[:, column], block.nz[:])
 
 
-def _conditions(layout: PhaseLayout) -> Iterator[tuple[np.ndarray, np.ndarray, FloatArray]]:
-    """Yield the linear rows of a phase: places, columns and factors."""
+def _conditions(layout: PhaseLayout) -> Iterator[LinearRows]:
+    """Yield the linear rows of a phase."""
     for block, node in ((layout.initial, 0), (layout.final, -1)):
         columns = layout.nodes[node, layout.node_columns(block)]
         yield block.places[0], columns, np.ones(columns.size)
@@ -292,21 +317,18 @@ def _conditions(layout: PhaseLayout) -> Iterator[tuple[np.ndarray, np.ndarray, F
     yield layout.link.places[0], layout.sources, -layout.factors
 
 
-def _pieces(layout: PhaseLayout, x: ca.MX, constants: ca.MX) -> Iterator[_KernelCalls]:
+def _pieces(layout: PhaseLayout, constants: ca.MX, x: ca.MX) -> Iterator[KernelCalls]:
     """Yield the point kernels of a phase followed by its stages, called on all variables."""
     for group in layout.points:
         fractions = ca.MX(ca.DM(layout.mesh[group.nodes]).T)
         data = _gathered(constants, layout.point_places(group).T)
-        places = layout.nodes[group.nodes]
-        at = places, group.block.places, places[:, :0]
-        yield _KernelCalls(
-            group.kernel, *at, _gathered(x, places), ca.MX(), ca.vertcat(fractions, data)
-        )
+        at = layout.nodes[group.nodes], group.block.places
+        yield KernelCalls.at_points(group.kernel, x, *at, ca.vertcat(fractions, data))
     grid = ca.MX(ca.DM(np.vstack([layout.mesh[:-1], np.diff(layout.mesh)])))
     fixed = ca.repmat(constants[: layout.parameters.size], 1, layout.intervals)
     at = layout.stage_variables, layout.stage_rows, layout.nodes[1:]
     v, arrived = _gathered(x, at[0]), _gathered(x, at[2])
-    yield _KernelCalls(layout.kind.kernels.stage, *at, v, arrived, ca.vertcat(grid, fixed))
+    yield KernelCalls(layout.kind.kernels.stage, *at, v, arrived, ca.vertcat(grid, fixed))
 
 
 def _gathered(x: ca.MX, places: np.ndarray) -> ca.MX:

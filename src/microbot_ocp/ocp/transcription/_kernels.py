@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
@@ -68,7 +68,7 @@ class Kernel:
     jacobian: ca.Function
     hessian: ca.Function
     cost: ca.Function | None
-    rows: tuple[TableEntry, ...]
+    rows: tuple[TableEntry, ...] = ()
     fractions: tuple[float, ...] = ()
     data: tuple[str, ...] = ()
 
@@ -151,13 +151,26 @@ def build_kernels(
     parts: list[_Part] = [(stage, rows, (), ()), *_points(physics), _end(physics)]
     functions = [part[0] for part in parts]
     stages = [stage, *(_as_stage(point) for point in functions[1:])]
-    derived = derive([_expanded(function) for function in functions], [divided(k) for k in stages])
-    each = zip(derived[::3], derived[1::3], derived[2::3], parts, strict=True)
+    compositions = [divided(k) for k in stages]
+    kernels = kernels_of(functions, lambda scalar: derive(scalar, compositions))
     first, *points = (
-        Kernel(value, jacobian, hessian, light_cost(function), tuple(held.entries), at, data)
-        for value, jacobian, hessian, (function, held, at, data) in each
+        replace(kernel, rows=tuple(held.entries), fractions=at, data=data)
+        for kernel, (_, held, at, data) in zip(kernels, parts, strict=True)
     )
     return Kernels(first, tuple(points), _without_repeats(_expanded(dense)))
+
+
+def kernels_of(
+    functions: Sequence[ca.Function],
+    derive: Callable[[Sequence[ca.Function]], Sequence[ca.Function]],
+) -> list[Kernel]:
+    """Return kernels of functions ``(v, c) -> ..., cost``, derived from their scalar graphs."""
+    derived = derive([_expanded(function) for function in functions])
+    each = zip(derived[::3], derived[1::3], derived[2::3], functions, strict=True)
+    return [
+        Kernel(value, jacobian, hessian, light_cost(function))
+        for value, jacobian, hessian, function in each
+    ]
 
 
 @makes_scalars

@@ -14,27 +14,24 @@ continuation follows: a first program smooths the friction more, later ones less
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp._base.codegen import maybe_compiled
-from microbot_ocp._base.fast_calls import buffered_call
+from microbot_ocp._base.fast_calls import deferred_call
 from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.motion import with_parts
-from microbot_ocp.ocp.solution import Attempt, StepProgress, gap_of
-from microbot_ocp.ocp.solvers import SolverSettings, status_of
+from microbot_ocp.ocp.solution import Attempt, StartingPoint, StepProgress, gap_of
+from microbot_ocp.ocp.solvers import Runner, SolverSettings
 from microbot_ocp.ocp.transcription import Bounds
 from microbot_ocp.planning.path import PathCurve, Reached, largest_speeds, samples_along
 from microbot_ocp.planning.task import (
     CHECKS_PER_INTERVAL,
     DRY,
+    LDL,
     VISCOUS,
     dry_friction,
     friction,
@@ -316,7 +313,7 @@ def excess_of(family: LimitFamily, profile: SpeedProfile) -> FloatArray:
 
 
 SHORTEST_STEP = 1e-12  # smallest duration of an interval in the unit of time
-LINEAR_SOLVERS = ("ldl", "mumps")  # linear solvers of IPOPT, tried in turn
+SETTINGS = SolverSettings("ipopt", max_iterations=120)
 
 
 class _Timing:
@@ -333,7 +330,7 @@ class _Timing:
         fast: bool,
         smoothing: float = COULOMB_SMOOTHING,
     ) -> None:
-        self.start, self.family, curve = start, family, start.curve
+        self.start, self.family, self.fast, curve = start, family, fast, start.curve
         self.free = curve.start_free, curve.end_free
         # A percentile of s'' sets the unit of time: single peaks would make it too short.
         speed = max(float(start.v.max()), 1e-12)
@@ -356,10 +353,7 @@ class _Timing:
             )
             for s, side in ((start.s, False), (start.s, True), (middle, False))
         )
-        self.program = program_of(self.kinds, n, tuple(self.breaks.tolist()), fast)
-        at_points = np.vstack([right, left[self.breaks]])
         steps = np.diff(start.s)[:, None] / self.unit
-        in_intervals = np.hstack([right[:-1], left[1:], within, steps])
         varying = [key for key in self.kinds.further if family[key].varies]
         resting = MotionSamples.at_rest(curve.evaluate(middle[n // 2 : n // 2 + 1])[0])
         sizes = family.values(resting, varying)
@@ -367,15 +361,16 @@ class _Timing:
             LimitBounds.of(family, keys, sizes)
             for keys in (self.kinds.of_acceleration, self.kinds.of_rates)
         )
-        self.numbers = np.concatenate(
-            [
-                [self.time, smoothing],
-                *(friction(robot, kind) for kind in (VISCOUS, DRY)),
-                self.of_acceleration.size,
-                self.of_rates.size,
-                at_points[:, self.program.used[0]].ravel(),
-                in_intervals[:, self.program.used[1]].ravel(),
-            ]
+        common = [
+            [self.time, smoothing],
+            *(friction(robot, kind) for kind in (VISCOUS, DRY)),
+            self.of_acceleration.size,
+            self.of_rates.size,
+        ]
+        at_points = np.vstack([right, left[self.breaks]])
+        self.of_points, self.of_intervals = (
+            np.hstack([np.tile(np.concatenate(common), (len(table), 1)), table])
+            for table in (at_points, np.hstack([right[:-1], left[1:], within, steps]))
         )
         v = self.unit / self.time
         self.speed, self.inner_speed = (
@@ -388,7 +383,6 @@ class _Timing:
         Factors of the first linear solver, without pivots, are cheap, but rounding may hide
         negative curvature. Without limits of rates s'' is linear in every interval unless ``bent``.
         """
-        begin = time.perf_counter()
         n, start = self.start.a.size, self.start
         # Units of s', s'' and s''' in the program.
         v, a, j = (self.unit / self.time**k for k in (1, 2, 3))
@@ -408,30 +402,25 @@ class _Timing:
                 low[at] = high[at] = 0.0
                 if self.family.jerk_matters:
                     low[n + 1 + at] = high[n + 1 + at] = 0.0
-        lower, upper = self._bounds(n, count)
-        rows = np.flatnonzero(np.isfinite(lower) | np.isfinite(upper))
-        attempts, gap = list(start.attempts), float("nan")
-        guess = np.clip(x, low, high)
-        for linear_solver in LINEAR_SOLVERS:
-            solver = self.program.solver(rows, barrier, linear_solver)
-            created = time.perf_counter()
-            answer = solver(
-                x0=guess, p=self.numbers, lbx=low, ubx=high, lbg=lower[rows], ubg=upper[rows]
-            )
-            x, values = (np.array(answer[key]).ravel() for key in ("x", "g"))
-            h = x[n + 1 + count : 2 * n + 1 + count]
-            attempts.append(self._attempt(solver.stats(), h.sum(), begin, created))
-            begin = time.perf_counter()
-            lam = [np.array(answer[key]).ravel() for key in ("lam_x", "lam_g")]
-            bounds = Bounds(low, high, lower[rows], upper[rows])
-            # The solver's own multipliers leave its dual residual out of the gap.
-            gap = gap_of(bounds, x, values, np.zeros(1), np.concatenate(lam)).total
-            if attempts[-1].status.solved or deadline.over():
+        bounds = Bounds(low, high, *self._bounds(n, count))
+        tables = self.of_points, self.of_intervals
+        program = program_of(self.kinds, self.fast, self.breaks, *tables, bounds)
+        attempts, guess = list(start.attempts), np.clip(x, low, high)
+        for options in (LDL, {}):
+            settings = replace(SETTINGS, initial_barrier=barrier, options=options)
+            outcome = Runner(program, settings).run("ipopt", StartingPoint(guess))
+            x, (rows, variables) = outcome.point.x, outcome.point.multipliers
+            cost = outcome.attempt.cost * self.time
+            attempts.append(replace(outcome.attempt, cost=cost))
+            if outcome.attempt.status.solved or deadline.over():
                 break
             barrier = FIRST_BARRIER
         if not attempts[-1].status.solved:
             return replace(start, attempts=tuple(attempts))
-        points = x[n + 1 : n + 1 + count] * a
+        # The solver's own multipliers leave its dual residual out of the gap.
+        lam = np.concatenate([variables, rows])
+        gap = gap_of(program, x, program.row_values(x), np.zeros(1), lam).total
+        h, points = x[n + 1 + count : 2 * n + 1 + count], x[n + 1 : n + 1 + count] * a
         ends = points[1 : n + 1].copy()
         ends[self.breaks - 1] = points[n + 1 :]
         return replace(
@@ -456,20 +445,6 @@ class _Timing:
             of_intervals = np.hstack([np.tile(same, (n, 1)), speed.reshape(n, 2)])
             sides.append(np.concatenate([np.tile(of_point, count), of_intervals.ravel()]))
         return sides[0], sides[1]
-
-    def _attempt(self, stats: Any, cost: float, begin: float, created: float) -> Attempt:
-        infeasibility = float(stats["iterations"]["inf_pr"][-1])
-        return Attempt(
-            solver="ipopt",
-            status=status_of("ipopt", stats, SolverSettings("ipopt"), infeasibility),
-            message=str(stats["return_status"]),
-            iterations=int(stats["iter_count"]),
-            cost=float(cost) * self.time,
-            infeasibility=infeasibility,
-            wall_time=time.perf_counter() - created,
-            create_time=created - begin,
-            function_time=sum(v for k, v in stats.items() if k.startswith("t_wall_nlp_")),
-        )
 
 
 # coefficients at places -------------------------------------------------------------------------
@@ -496,13 +471,12 @@ def _torques(robot: Robot, shape: Sequence[FloatArray], fast: bool) -> tuple[Flo
     for (s', s'') of (1, 0), (2, 0) and (1, 1), with s''' = 0.
     """
     q, tangent, curvature, bend = shape
-    call = _rates(robot, len(q), fast)
+    call = deferred_call(torque_and_rate(frictionless(robot)), compiled=fast)
 
     def at(v: float, a: float) -> tuple[FloatArray, FloatArray]:
         qdd = a * tangent + v**2 * curvature
         qddd = 3 * v * a * curvature + v**3 * bend
-        torque, rate = call(q.T, v * tangent.T, qdd.T, qddd.T)
-        return torque.T, rate.T
+        return call(q, v * tangent, qdd, qddd)
 
     (once, once_rate), (twice, twice_rate) = at(1.0, 0.0), at(2.0, 0.0)
     pushed, pushed_rate = at(1.0, 1.0)
@@ -511,8 +485,3 @@ def _torques(robot: Robot, shape: Sequence[FloatArray], fast: bool) -> tuple[Flo
     c_rate = (twice_rate - 2.0 * once_rate) / 6.0
     m_rate = pushed_rate - once_rate - 2.0 * c
     return pushed - once, c, once - c, m_rate, c_rate, once_rate - c_rate
-
-
-@lru_cache(maxsize=16)
-def _rates(robot: Robot, count: int, fast: bool) -> Any:
-    return buffered_call(maybe_compiled(torque_and_rate(frictionless(robot)), fast).map(count))
