@@ -22,8 +22,10 @@ import numpy as np
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.fast_calls import deferred_call
+from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.motion import with_parts
+from microbot_ocp.ocp.mesh import Round, divide, refined
 from microbot_ocp.ocp.solution import Attempt, StartingPoint, StepProgress, gap_of
 from microbot_ocp.ocp.solvers import Runner, SolverSettings
 from microbot_ocp.ocp.transcription import Bounds
@@ -46,7 +48,6 @@ from microbot_ocp.planning.timing._places_program import (
 from microbot_ocp.robot import COULOMB_SMOOTHING, Robot, torque_and_rate
 
 FIRST_BARRIER = 1e-3  # barrier parameter of the first solve, and after a change of friction
-MOST_PARTS = 8  # largest number of parts of an interval on the next mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +141,11 @@ class SpeedProfile:
 FINER_BARRIER = 1e-7  # barrier parameter of a solve from a coarser mesh
 MOST_MESHES = 10  # largest number of solves on finer meshes
 SETTLED_MESH = 5e-5  # relative change of the duration between meshes that ends the refinement
+ORDER = 2  # the excess falls with the third power of the step
 MISSED_REVERSAL = 0.1  # relative excess of a profile that has missed a friction reversal
+
+
+_Rounds = tuple[Round[SpeedProfile, FloatArray], ...]
 
 
 def timed_on_places(
@@ -161,44 +166,44 @@ def timed_on_places(
     progress : callable
     """
     profile = _Timing(family, start, fast).solved(FIRST_BARRIER)
-    excess = excess_of(family, profile)
     smoothing = _first_smoothing(family, start)
-    overshoots = not profile.solved or float(excess.max()) > MISSED_REVERSAL
+    overshoots = not profile.solved or excess_of(family, profile).max() > MISSED_REVERSAL
     has_friction = smoothing > COULOMB_SMOOTHING and overshoots
     if has_friction and not deadline.over():
         profile = _with_friction(family, start, fast, smoothing)
-        excess = excess_of(family, profile)
-    before, parents = np.inf, np.full(len(excess), np.inf)
-    for _ in range(MOST_MESHES):
-        if not profile.solved or deadline.over():
-            break
-        worst = float(excess.max())
+
+    def solved(_: SpeedProfile, finer: SpeedProfile) -> SpeedProfile:
+        return _Timing(family, finer, fast).solved(FINER_BARRIER, bent=True)
+
+    def measured(rounds: _Rounds, profile: SpeedProfile) -> FloatArray:
+        excess = np.maximum(excess_of(family, profile).max(axis=1), 0.0)
         progress(
             f"mesh {profile.s.size - 1}: {profile.duration:.6f} s; largest excess of a limit "
-            f"between mesh points: {100 * worst:.3g} %"
+            f"between mesh points: {100 * excess.max():.3g} %"
         )
-        change = abs(profile.duration - before)
-        within = worst <= tolerance
-        settled = has_friction or change <= SETTLED_MESH * profile.duration
-        if within and settled:
-            break
-        worst_in = excess.max(axis=1) / tolerance
-        parts = _parts_for(worst_in, parents)
-        if not settled:
-            parts = np.maximum(parts, 1 + _switching(profile))
-        parents = np.repeat(worst_in, parts)
-        finer = profile.at_times(with_parts(profile.t, parts))
-        finer = _Timing(family, finer, fast).solved(FINER_BARRIER, bent=True)
-        # A profile within the limits is kept if the finer mesh fails.
-        if within and not finer.solved:
-            break
-        before = profile.duration
-        profile = finer if finer.solved else replace(profile, attempts=finer.attempts)
-        excess = excess_of(family, profile)
-    return profile
+        before = rounds[-1].solution.duration if rounds else np.inf
+        settled = abs(profile.duration - before) <= SETTLED_MESH * profile.duration
+        if not (settled or has_friction):
+            excess += 2.0 * tolerance * _switching(profile)  # two parts at least
+        return excess
 
+    def divided(rounds: _Rounds) -> SpeedProfile:
+        profile = rounds[-1].solution
+        return profile.at_times(divide(profile.t, rounds[-1].measure, tolerance, ORDER))
 
-RESOLVED_LOSS = 0.8  # share of the estimated loss at jumps of s''' that the next mesh resolves
+    def ended(rounds: _Rounds, _: SpeedProfile) -> Status | None:
+        if not rounds[-1].solution.solved or deadline.over():
+            return deadline.status()
+        if rounds[-1].measure.max() <= tolerance:
+            return Status.SOLVED
+        return Status.ROUND_LIMIT if len(rounds) > MOST_MESHES else None
+
+    how = measured, divided, lambda _, finer: finer.solved, ended
+    *_, last = refined(profile, solved, *how)
+    # A profile within the limits is kept if the finer mesh fails.
+    if last.refused is None or excess_of(family, last.solution).max() <= tolerance:
+        return last.solution
+    return replace(last.solution, attempts=last.refused.attempts)
 
 
 def _switching(profile: SpeedProfile) -> np.ndarray:
@@ -211,30 +216,7 @@ def _switching(profile: SpeedProfile) -> np.ndarray:
     jumps = np.abs(np.diff(mean) - 0.5 * (profile.d[1:] + profile.d[:-1]))
     # A jump lies between two intervals, so both get its loss.
     loss = (np.maximum(np.append(jumps, 0.0), np.append(0.0, jumps)) + np.abs(profile.d)) * h**2
-    order = np.argsort(-loss)
-    count = np.searchsorted(np.cumsum(loss[order]), RESOLVED_LOSS * loss.sum()) + 1
-    chosen = np.zeros(h.size, dtype=bool)
-    chosen[order[:count]] = True
-    return chosen
-
-
-AIMED_EXCESS = 0.5  # target excess of the next mesh, per accepted excess
-SUDDEN_RATIO = 0.5  # excess of a part per parent's from which the part is divided fully
-
-
-def _parts_for(excess: FloatArray, parents: FloatArray) -> np.ndarray:
-    """Return the number of parts of each interval [N] from its excess, per accepted excess.
-
-    The excess falls with the third power of the step, so the count is a cube root. If a part has
-    hardly less excess than its parent, a torque switches faster than the mesh resolves, and the
-    part is divided as finely as allowed.
-    """
-    parts = np.where(
-        (excess > 1.0) & (excess > SUDDEN_RATIO * parents),
-        MOST_PARTS,
-        np.cbrt(np.maximum(excess, 0.0) / AIMED_EXCESS),
-    )
-    return np.clip(np.ceil(parts), 1, MOST_PARTS).astype(int)
+    return loss > loss.mean()
 
 
 SMOOTHING_FACTOR = 2.0  # factor between successive smoothings of dry friction
@@ -245,15 +227,15 @@ def _with_friction(
     family: LimitFamily, start: SpeedProfile, fast: bool, smoothing: float
 ) -> SpeedProfile:
     """Find a profile for the robot's dry friction by continuation from smoother friction."""
-    profile, barrier, last, sharper = start, FIRST_BARRIER, np.inf, SMOOTHING_FACTOR
+    profile, last, sharper = start, np.inf, SMOOTHING_FACTOR
     # A smoothing beyond the largest joint speed would remove friction altogether.
     widest = float(np.abs(start.curve.evaluate(start.s)[1] * start.v[:, None]).max())
     while True:
         closer = _closer_at_reversals(family, profile, smoothing)
-        closer = _Timing(family, closer, fast, smoothing).solved(barrier)
+        closer = _Timing(family, closer, fast, smoothing).solved(FIRST_BARRIER)
         profile = closer if closer.solved else replace(profile, attempts=closer.attempts)
         if closer.solved:
-            last, barrier = smoothing, FIRST_BARRIER
+            last = smoothing
         elif np.isfinite(last):
             sharper = np.sqrt(sharper)  # a smaller step of the continuation
         ended = last == COULOMB_SMOOTHING or smoothing > widest or sharper < LEAST_SMOOTHING_FACTOR
@@ -283,6 +265,7 @@ def _first_smoothing(family: LimitFamily, start: SpeedProfile) -> float:
     return max(float(turned.max()), COULOMB_SMOOTHING)
 
 
+MOST_PARTS = 8  # largest number of parts of an interval of a reversal
 TURNED_VELOCITY = 2.0  # velocity from which friction is constant, per smoothing
 REVERSAL_STEP = 0.7  # change of velocity in an interval of a reversal, per smoothing
 
@@ -421,6 +404,7 @@ class _Timing:
         lam = np.concatenate([variables, rows])
         gap = gap_of(program, x, program.row_values(x), np.zeros(1), lam).total
         h, points = x[n + 1 + count : 2 * n + 1 + count], x[n + 1 : n + 1 + count] * a
+        h = np.maximum(h, SHORTEST_STEP)  # IPOPT relaxes its bounds by 1e-8
         ends = points[1 : n + 1].copy()
         ends[self.breaks - 1] = points[n + 1 :]
         return replace(
