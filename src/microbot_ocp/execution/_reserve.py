@@ -25,9 +25,7 @@ from microbot_ocp.planning.free import within_limits
 from microbot_ocp.planning.search import time_optimal, tool_poses
 from microbot_ocp.planning.task import checked_box, robust_limits as robust_limits
 from microbot_ocp.robot import Robot
-from microbot_ocp.simulation import Controller, track
-
-COARSEST = 1e-2  # largest tolerance that a simulation accepts
+from microbot_ocp.simulation import COARSEST, Controller, track
 
 
 @dataclass(frozen=True)
@@ -192,7 +190,7 @@ def smallest_reserve(
     bound: float,
     *,
     limits: Limits | JointLimits | None = None,
-    accuracy: float = 0.01,
+    accuracy: float = COARSEST,
     **loop: Any,
 ) -> Reserve:
     """Find the least torque reserve with which the tool stays near its reference.

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from microbot_ocp.robot._dynamics import MotionState
 
 JointType = Literal["revolute", "prismatic"]
+GRAVITY = (0.0, 0.0, -9.81)  # usual acceleration of free fall in the base frame, m/s^2
 # Larger limits in rad or rad/s look like degrees: files have up to 10 rad; ten turns a second.
 LOOKS_LIKE_DEGREES = {"q_min": 10 * np.pi, "q_max": 10 * np.pi, "qd_max": 20 * np.pi}
 
@@ -87,7 +88,7 @@ class Robot(HintingOfArms):
         joint_type: Sequence[str] | str = "revolute",
         links: Sequence[Link] | None = None,
         limits: Limits | JointLimits | None = None,
-        gravity: ArrayLike = (0.0, 0.0, -9.81),
+        gravity: ArrayLike = GRAVITY,
         tool: ArrayLike | None = None,
         name: str = "robot",
         joint_names: Sequence[str] | None = None,

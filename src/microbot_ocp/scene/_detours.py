@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from microbot_ocp._base import deadline
-from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp._base.needed import needed
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import PiecewisePolynomial
@@ -202,7 +202,7 @@ def _searched(
     # OMPL's Euclidean metric is applied to weighted joints; locked joints leave the space.
     weights = _weights(around.robot)
     low, high = _bounds(around.robot, start, goal)
-    moving = np.flatnonzero(high - low > 1e-9)
+    moving = np.flatnonzero(high - low > ROUNDING)
     space = base.RealVectorStateSpace(len(moving))
     bounds = base.RealVectorBounds(len(moving))
     for k, joint in enumerate(moving.tolist()):
@@ -236,7 +236,7 @@ def _searched(
         for k, joint in enumerate(moving.tolist()):
             state[k] = float(q[joint] * weights[joint])
         ends.append(state)
-    problem.setStartAndGoalStates(*ends, 1e-9)
+    problem.setStartAndGoalStates(*ends, ROUNDING)
     planner = planner_kind(information)
     planner.setRange(EDGES[number % len(EDGES)] * space.getMaximumExtent())
     planner.setProblemDefinition(problem)
@@ -319,7 +319,7 @@ def rounded(around: Surroundings, corners: FloatArray) -> PiecewisePolynomial:
     breaks, pieces = [0.0], []
 
     def add(length: float, curve: FloatArray) -> None:
-        if length > 1e-9:
+        if length > ROUNDING:
             breaks.append(breaks[-1] + length)
             pieces.append(curve)
 

@@ -8,6 +8,7 @@ from ._controllers import (
     SensorNoise as SensorNoise,
 )
 from ._integration import (
+    COARSEST as COARSEST,
     INTEGRATORS as INTEGRATORS,
 )
 from ._loops import (

@@ -32,6 +32,8 @@ from microbot_ocp.simulation._dormand_prince import (
 
 Values = Callable[[FloatArray], FloatArray]  # maps times [N] to values [N,m]
 
+TOLERANCE = 1e-10  # usual relative tolerance of a simulation
+COARSEST = 1e-2  # largest tolerance of a simulation
 INTEGRATORS = ("dop853", "cvodes", "idas", "collocation", "rk")
 
 DEGREE = 10  # degree of the Chebyshev series of an input between breaks

@@ -30,7 +30,9 @@ from microbot_ocp.simulation._controllers import (
     with_gains,
 )
 from microbot_ocp.simulation._integration import (
+    COARSEST,
     INTEGRATORS,
+    TOLERANCE,
     ForcedEquation,
     IntegrationRun,
     IntegratorSettings,
@@ -73,7 +75,7 @@ def simulate(
     t: ArrayLike | None = None,
     *,
     integrator: Integrator = "dop853",
-    tolerance: float = 1e-10,
+    tolerance: float = TOLERANCE,
     max_steps: int = 20_000,
     time_limit: float = np.inf,
 ) -> Simulation:
@@ -179,7 +181,7 @@ def track(
     noise: SensorNoise | None = None,
     disturbance: ArrayLike | Formula | None = None,
     integrator: Integrator | None = None,
-    tolerance: float = 1e-10,
+    tolerance: float = TOLERANCE,
     max_steps: int = 20_000,
     time_limit: float = np.inf,
 ) -> Tracking:
@@ -458,7 +460,7 @@ class SampledLoop(NamedTuple):
 
 def checked_settings(integrator: str, tolerance: float, max_steps: int) -> IntegratorSettings:
     checks.one_of("integrator", integrator, INTEGRATORS)
-    tolerance = checks.number("tolerance", tolerance, above=0.0, at_most=1e-2)
+    tolerance = checks.number("tolerance", tolerance, above=0.0, at_most=COARSEST)
     if isinstance(max_steps, bool) or not isinstance(max_steps, int) or max_steps < 1:
         raise InputError(f"max_steps must be a whole number of at least 1, not {max_steps!r}")
     return IntegratorSettings(integrator, tolerance, max_steps)

@@ -35,7 +35,6 @@ from microbot_ocp.trajectories import (
     via_velocities,
 )
 
-STANDSTILL = 1e-9  # velocity of a full stop, relative to the largest velocity
 CUBIC, LINEAR = "cubic segments", "linear segments with parabolic blends"
 
 
@@ -168,7 +167,7 @@ def _with_remarks(
     if marks[1:-1]:
         given = "by Craig's heuristic" if task.via_qd is None else "as given, scaled like the times"
         remarks.append(f"via velocities {'chosen' if 'best' in kind else given}")
-        slow = np.abs(state.qd).max(axis=1) <= STANDSTILL * np.abs(motion.qd).max()
+        slow = np.abs(state.qd).max(axis=1) <= ROUNDING * np.abs(motion.qd).max()
         stops = [mark.name for mark, stands in zip(marks[1:-1], slow, strict=True) if stands]
         remarks += [f"a full stop at {', '.join(stops)}"] if stops else []
     remarks.append(where)

@@ -40,7 +40,7 @@ from microbot_ocp._base.schema import (
 from microbot_ocp._base.toml_text import toml_value
 from microbot_ocp.limits import JOINT_QUANTITIES, Limit, Limits
 from microbot_ocp.robot._links import Link, Rotor
-from microbot_ocp.robot._model import Robot
+from microbot_ocp.robot._model import GRAVITY, Robot
 from microbot_ocp.robot._shapes import Shape
 from microbot_ocp.robot._transforms import dh_transform
 
@@ -107,7 +107,7 @@ def _robot(data: dict[str, Any], name: str) -> Robot:
         joint_type=[row["type"] for row in rows],
         links=[link for link in links if link is not None],
         limits=_limits(rows, _further(data.get("limits", {}))),
-        gravity=data.get("gravity", (0.0, 0.0, -9.81)),
+        gravity=data.get("gravity", GRAVITY),
         tool=_placement("tool", data.get("tool")),
         base=_placement("base", data.get("base")),
         name=data.get("name", name),
