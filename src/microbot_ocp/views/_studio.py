@@ -27,12 +27,16 @@ from microbot_ocp.tasks import read_task
 from microbot_ocp.trajectories import best_cubic, best_lspb
 from microbot_ocp.views import _palette as palette
 from microbot_ocp.views._eye import find_eye, grid_spacing, upward
-from microbot_ocp.views._scene import link_poses, reach, tool_places
+from microbot_ocp.views._scene import AXIS_MARGIN, link_poses, reach, tool_places
 from microbot_ocp.views._style import (
+    BALL_RADIUS,
     BOUND_COLOR,
     FIXED,
+    FRAME_LENGTH,
     FRAME_RATE,
     LAST_FRAME,
+    LINE_RADIUS,
+    LINE_WIDTH,
     LINK_RADIUS,
     PREFERRED,
     look,
@@ -223,8 +227,8 @@ class Studio(InteractiveTask):
         return self._turns.from_matrix(poses[:, :3, :3]).wxyz
 
     def _chart(self, title: str) -> Any:
-        names = self._bare.joint_names
-        bound = {"stroke": BOUND_COLOR, "dash": [6, 4], "width": 1.5, "label": "limit"}
+        names, highest = self._bare.joint_names, 100.0 * (1.0 + AXIS_MARGIN)
+        bound = {"stroke": BOUND_COLOR, "dash": [6, 4], "width": LINE_WIDTH, "label": "limit"}
         curves = [
             {"stroke": look(joint, joints=True)["color"], "width": 2, "label": name}
             for joint, name in enumerate(names)
@@ -233,7 +237,7 @@ class Studio(InteractiveTask):
             tuple([np.zeros(2)] * (len(names) + 3)),
             ({"label": "t [s]"}, bound, {**bound, "label": "lower limit"}, *curves),
             title=title,
-            scales={"x": {"time": False}, "y": {"range": (-110.0, 110.0)}},
+            scales={"x": {"time": False}, "y": {"range": (-highest, highest)}},
             aspect=1.5,
         )
 
@@ -257,9 +261,9 @@ class Studio(InteractiveTask):
         self._grips = []
         for place in range(len(self._via_q)):
             fixed = {"disable_rotations": robot.joint_count < FREE}
-            grip = scene.add_transform_controls(f"/via/{place}", 0.12 * size, **fixed)
+            grip = scene.add_transform_controls(f"/via/{place}", 2 * FRAME_LENGTH * size, **fixed)
             self._grips.append(grip)
-            radius, color = 1.4 * LINK_RADIUS * size, palette.PART[:3]
+            radius, color = BALL_RADIUS * LINK_RADIUS * size, palette.PART[:3]
             scene.add_icosphere(f"{grip.name}/ball", radius, color=color)
             scene.add_label(f"{grip.name}/name", f"via point {place + 1}")
             self._put(place)
@@ -304,7 +308,7 @@ class Studio(InteractiveTask):
             return
         chosen = np.unique(np.linspace(0, len(motion.t) - 1, SAMPLES).astype(int))
         t, tool = motion.t[chosen], tool_places(robot, motion.q[chosen])
-        limit, thin = np.full(t.shape, 100.0), 0.2 * LINK_RADIUS * reach(robot)
+        limit, thin = np.full(t.shape, 100.0), LINE_RADIUS * reach(robot)
         with self._server.atomic():
             ends = np.stack([tool[:-1], tool[1:]], axis=1)
             scene.add_line_segments("/trail", ends, palette.MOTION[:3], thickness=thin)

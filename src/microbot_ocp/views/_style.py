@@ -25,6 +25,9 @@ THIN: dict[str, Any] = {"linewidth": 0.8}  # lines that divide, points
 # each, or the busiest joint represents all.
 SIDE_BY_SIDE = 4
 LINK_RADIUS = 0.021  # link radius of the solid arm, relative to the reach
+LINE_RADIUS = 0.005  # radius of a line in space, relative to the reach
+BALL_RADIUS = 1.4  # radius of the ball at a tool or a via point, in link radii
+FRAME_LENGTH = 0.07  # length of the axes of a frame, relative to the reach
 LABEL_HEIGHT = 0.075  # height between labels, relative to the reach
 # Radius of a torque arc in link radii; the arrow of a force at its limit is three times as long.
 TORQUE_RING = 3.4

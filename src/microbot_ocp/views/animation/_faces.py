@@ -15,7 +15,7 @@ from microbot_ocp.views import _palette as palette
 from microbot_ocp.views._eye import Eye
 from microbot_ocp.views._scene import link_poses, reach
 from microbot_ocp.views._solids import Solid, Tube, capsule_solid, drawn_geometry, joint_solid
-from microbot_ocp.views._style import LINK_RADIUS, Color
+from microbot_ocp.views._style import LINE_RADIUS, LINK_RADIUS, Color
 
 # Edge of an obstacle's face in a film, relative to the reach: depth sorting needs small faces.
 LONGEST_EDGE = 0.07
@@ -192,7 +192,7 @@ def tube_faces(tube: Tube, size: float) -> Faces:
     for point, direction in zip(tube.points, along, strict=True):
         side = _unit(side - (side @ direction) * direction)
         ring = np.cos(angle) * side + np.sin(angle) * np.cross(direction, side)
-        rings.append(point + max(tube.radius, 0.006 * size) * ring)
+        rings.append(point + max(tube.radius, LINE_RADIUS * size) * ring)
     corners = _between(np.array(rings))
     color = np.array(palette.TUBE[:3]) / 255.0
     return Faces(corners, np.broadcast_to(color, (len(corners), 3)))

@@ -12,7 +12,7 @@ from microbot_ocp.limits import LimitFamily, LimitHistory
 from microbot_ocp.motion import Mark, Motion, State, history_of, jump_gaps, mesh_of, torque_along
 from microbot_ocp.robot import Robot
 from microbot_ocp.views._scene import display_factor, reach
-from microbot_ocp.views._style import LINK_RADIUS, Color, EntryStyle, rgb
+from microbot_ocp.views._style import LINE_WIDTH, LINK_RADIUS, Color, EntryStyle, rgb
 from microbot_ocp.views.recording._writer import (
     BRANCH,
     PROGRESS,
@@ -134,7 +134,7 @@ class AnimatedArm:
     ) -> None:
         """Draw a curve of values [N] in the colour of the arm, over some timelines or all."""
         times = {key: self.times[key] for key in timelines or self.times}
-        look, width = self.look, 2.5 if self.look.solid else 1.6
+        look, width = self.look, LINE_WIDTH * (1.5 if self.look.solid else 1.0)
         name = self.title or self.name
         writer.curve(f"{path}/{self.name}", times, values, name, look.line_color, width)
 
@@ -213,14 +213,14 @@ def drawn_times(t: FloatArray, rate: float) -> FloatArray:
     Gaps wider than 2/rate are filled with times between the samples.
     """
     # Keep the first sample in each cell of width 1/rate, and both samples of a jump.
-    cell = np.floor(t * rate + 1e-6)
+    cell = np.floor(t * rate + ROUNDING)
     keep = np.append(True, np.diff(cell) > 0)
     jump = jump_gaps(t)
     keep[:-1] |= jump
     keep[1:] |= jump
     keep[-1] = True
     sparse = t[keep]
-    parts = np.maximum(1, np.ceil(np.diff(sparse) * rate / 2 - 1e-6)).astype(int)
+    parts = np.maximum(1, np.ceil(np.diff(sparse) * rate / 2 - ROUNDING)).astype(int)
     first = np.repeat(np.cumsum(parts) - parts, parts)
     share = (np.arange(parts.sum()) - first) / np.repeat(parts, parts)
     filled = np.repeat(sparse[:-1], parts) + share * np.repeat(np.diff(sparse), parts)

@@ -21,7 +21,7 @@ from microbot_ocp.planning.free import MotionIteration
 from microbot_ocp.tasks import Step
 from microbot_ocp.views import _palette as palette, _scene as scene
 from microbot_ocp.views._eye import find_eye
-from microbot_ocp.views._style import LABEL_HEIGHT, SIDE_BY_SIDE
+from microbot_ocp.views._style import LABEL_HEIGHT, LINE_RADIUS, LINE_WIDTH, SIDE_BY_SIDE
 from microbot_ocp.views._variables import BoundedCurve, variable_curves
 from microbot_ocp.views.recording import _blueprint as layout
 from microbot_ocp.views.recording._space import draw_base
@@ -107,7 +107,9 @@ class IterationRecorder:
             _prepare_panel(self.writer, _path(name))
         for path in (COST, INFEASIBILITY):
             name = path.removeprefix("convergence/")
-            self.writer.static(path, rr.SeriesLines(names=name, colors=palette.SPEED, widths=1.5))
+            self.writer.static(
+                path, rr.SeriesLines(names=name, colors=palette.SPEED, widths=LINE_WIDTH)
+            )
         if isinstance(iteration, MotionIteration):
             _prepare_arm(self.writer, iteration)
         self.writer.stream.send_blueprint(_blueprint(iteration, curves))
@@ -197,9 +199,9 @@ def _prepare_arm(writer: Writer, iteration: MotionIteration) -> None:
     robot, size = iteration.robot, scene.reach(iteration.robot)
     names = [f"via {i + 1}" for i in range(len(iteration.via_q))]
     draw_base(writer, robot, scene.tool_places(robot, iteration.via_q), names)
-    writer.strips(f"{ARM}/trail", 0.006 * size, palette.SPEED)
-    writer.strips(f"{ARM}/earlier", 0.0015 * size, (*palette.SPEED[:3], 70))
-    writer.strips(f"{ARM}/poses", 0.0025 * size, palette.NEUTRAL)
+    writer.strips(f"{ARM}/trail", LINE_RADIUS * size, palette.SPEED)
+    writer.strips(f"{ARM}/earlier", LINE_RADIUS * size / 4, (*palette.SPEED[:3], 70))
+    writer.strips(f"{ARM}/poses", LINE_RADIUS * size / 2, palette.NEUTRAL)
 
 
 def _blueprint(iteration: Iteration, curves: Mapping[str, BoundedCurve]) -> rrb.Blueprint:

@@ -35,18 +35,17 @@ def draw_torques(writer: Writer, robot: Robot, limits: JointLimits, arm: Animate
     for joint, kind in enumerate(robot.joint_types):
         path = arm.link(robot.joint_frames[joint], "torque")
         share, at_limit = signed_share(limits, "tau", arm.curves["tau"][:, joint], joint)
-        colors = _share_colors(share, at_limit)
+        colors, radii = _share_colors(share, at_limit), np.where(at_limit, 0.5, 0.3) * size
         if kind == "revolute":
             limit = [circle]
             strips = arcs(share, ring).astype(np.float32)
-            radii = np.where(at_limit, 0.5, 0.3) * size
             columns = rr.LineStrips3D.columns(strips=strips, radii=radii, colors=colors)
         else:  # the arrow stands beside the link, which lies along the axis of a slide
             limit = [[beside - whole, beside + whole]]
             columns = rr.Arrows3D.columns(
                 vectors=np.clip(share, -1.0, 1.0)[:, None] * whole,
                 origins=np.tile(beside, (len(share), 1)),
-                radii=np.where(at_limit, 0.8, 0.5) * size,
+                radii=radii,
                 colors=colors,
             )
         thin = rr.LineStrips3D(limit, radii=[0.06 * size], colors=[palette.NEUTRAL])

@@ -21,7 +21,13 @@ from microbot_ocp.views._solids import (
     joint_solid,
     part_solids,
 )
-from microbot_ocp.views._style import LABEL_HEIGHT
+from microbot_ocp.views._style import (
+    BALL_RADIUS,
+    FRAME_LENGTH,
+    LABEL_HEIGHT,
+    LINE_RADIUS,
+    LINK_RADIUS,
+)
 from microbot_ocp.views.recording._animated_arm import AnimatedArm, Look
 from microbot_ocp.views.recording._limits import LimitPlot
 from microbot_ocp.views.recording._writer import (
@@ -35,8 +41,7 @@ from microbot_ocp.views.recording._writer import (
     quaternions,
 )
 
-BASE_PLATE = 0.07  # half the edge of the base plate, relative to the reach
-MASS_RADII = (1.3, 2.2)  # least and largest radius of a centre of mass, in link radii
+MASS_RADII = (BALL_RADIUS, 2.2)  # least and largest radius of a centre of mass, in link radii
 LETTER_WIDTH = 0.026  # width of a letter, relative to the reach
 CLEARANCE = LimitPlot(plot_path("clearance", "nearest"), "clearance [mm]")
 
@@ -57,7 +62,7 @@ def draw_base(
     view = f"RIGHT_HAND_{'XYZ'[axis]}_{'UP' if up[axis] > 0 else 'DOWN'}"
     writer.static(WORLD, getattr(rr.ViewCoordinates, view))
     plate = rr.Boxes3D(
-        half_sizes=[[BASE_PLATE * size, BASE_PLATE * size, 0.008 * size]],
+        half_sizes=[size * np.array([FRAME_LENGTH, FRAME_LENGTH, 2 * LINE_RADIUS])],
         centers=[base],
         quaternions=quaternions(robot.base[None, :3, :3]),
         colors=[palette.DULL],
@@ -65,15 +70,17 @@ def draw_base(
     )
     writer.static(f"{WORLD}/base", plate)
     if np.linalg.norm(base) > ROUNDING:
-        post = rr.LineStrips3D([[np.zeros(3), base]], radii=0.006 * size, colors=[palette.DULL])
+        post = rr.LineStrips3D(
+            [[np.zeros(3), base]], radii=LINE_RADIUS * size, colors=[palette.DULL]
+        )
         writer.static(f"{WORLD}/base/post", post)
     if target is not None:
         writer.frame(f"{WORLD}/target", target)
-        writer.static(f"{WORLD}/target", rr.TransformAxes3D(0.12 * size))
+        writer.static(f"{WORLD}/target", rr.TransformAxes3D(2 * FRAME_LENGTH * size))
     if len(places):
         alike = np.linalg.norm(places[:, None] - places, axis=2) < 1e-6  # one label for all names
         labels = [", ".join(compress(names, row)) for row in alike]
-        look = {"radii": 0.022 * size, "colors": [palette.BRIGHT]}
+        look = {"radii": LINK_RADIUS * size, "colors": [palette.BRIGHT]}
         spheres = rr.Points3D(places, labels=labels, show_labels=True, **look)
         writer.static(f"{WORLD}/places", spheres)
 
@@ -113,7 +120,7 @@ def draw_nearest(
     nearest = around.nearest(arm.times[TIME], arm.q)
     if around.scene is None or not nearest:
         return
-    path, radius = f"{WORLD}/scene/nearest", 0.004 * reach(robot)
+    path, radius = f"{WORLD}/scene/nearest", LINE_RADIUS * reach(robot)
     ends = np.array([(near.on_arm, near.on_other) for near in nearest])
     millimetres = 1e3 * np.array([near.distance for near in nearest])
     labels = [f"{n.pair.label}: {d:.1f} mm" for n, d in zip(nearest, millimetres, strict=True)]
@@ -141,7 +148,7 @@ def draw_arm(writer: Writer, robot: Robot, arm: AnimatedArm, end: Times) -> None
     if not geometry:
         start = np.broadcast_to(robot.base[:3, 3], origins[:, 0].shape)
         _draw_link(writer, arm.link(0, "shape"), look, times, start, origins[:, 1])
-    axes = rr.TransformAxes3D(0.07 * reach(robot))
+    axes = rr.TransformAxes3D(FRAME_LENGTH * reach(robot))
     radii = _mass_radii(robot)
     for k, kind in enumerate(robot.chain.joint_types, start=1):
         turned = quaternions(rotations[:, k])
@@ -163,10 +170,11 @@ def draw_arm(writer: Writer, robot: Robot, arm: AnimatedArm, end: Times) -> None
     turned = rr.Transform3D.columns(quaternion=quaternions(rotations[:, -1]))
     writer.columns(arm.tool("frame"), times, turned)
     writer.static(arm.tool("frame"), axes)
-    ball = rr.Points3D([[0, 0, 0]], radii=1.4 * look.radius, colors=[look.color])
+    ball = rr.Points3D([[0, 0, 0]], radii=BALL_RADIUS * look.radius, colors=[look.color])
     writer.static(arm.tool("ball"), ball)
     # The trail is one short strip per sample: the view shows the strips up to the time cursor.
-    writer.strips(arm.path("trail"), (0.2 if look.solid else 0.15) * look.radius, look.line_color)
+    radius = LINE_RADIUS * reach(robot) * (1.0 if look.solid else 0.5)
+    writer.strips(arm.path("trail"), radius, look.line_color)
     pieces = np.stack([tool[:-1], tool[1:]], axis=1).astype(np.float32)
     strips = rr.LineStrips3D.columns(strips=pieces)
     writer.columns(arm.path("trail"), {key: value[1:] for key, value in times.items()}, strips)
@@ -178,7 +186,7 @@ def _draw_link(
     """Draw a capsule between points [N,3] in the link frame."""
     vectors = end - start
     lengths = np.linalg.norm(vectors, axis=1)
-    if lengths.max() < 1e-6:
+    if lengths.max() < ROUNDING:
         return
     fixed = np.ptp(vectors, axis=0).max() < ROUNDING * max(1.0, lengths.max())
     shape = rr.Capsules3D.from_fields(
@@ -242,7 +250,7 @@ def draw_labels(
                 at = np.maximum(np.searchsorted(other_t, t, side="right") - 1, 0)
                 width = LETTER_WIDTH * size * (len(arm.title) + letters) / 2
                 clash = np.abs(across - other_across[at]) < width
-                clash &= np.abs(high - other_high[at]) < 0.999 * step
+                clash &= np.abs(high - other_high[at]) < (1.0 - ROUNDING) * step
                 high = np.where(clash, other_high[at] + step, high)
             taken.append((t, across, high, len(arm.title)))
             height = step + (high - lowest) / (above @ up)

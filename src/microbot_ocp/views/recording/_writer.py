@@ -34,6 +34,7 @@ Times = Mapping[str, FloatArray]  # values [N] by timeline: s on TIME, integers 
 SUMMARY = "summary"
 MARKS = "marks"
 WORLD = "world"
+LIMIT_WIDTH = 1.2  # width of the curve of a limit, points
 
 
 def plot_path(*parts: str) -> str:
@@ -69,7 +70,7 @@ class Writer:
         values: FloatArray,
         name: str = "limit",
         color: Color = palette.DULL,
-        width: float = 1.2,
+        width: float = LIMIT_WIDTH,
     ) -> None:
         """Log a curve of values [N]; the default style is that of a varying bound."""
         self._line(path, name, color, width)
@@ -90,7 +91,7 @@ class Writer:
             key: np.concatenate([span[key][0] + np.diff(span[key]) * share for span, _ in spans])
             for key in spans[0][0]
         }
-        self._line(path, "limit", palette.DULL, 1.2)
+        self._line(path, "limit", palette.DULL, LIMIT_WIDTH)
         scalars = rr.Scalars.columns(scalars=np.repeat([at for _, at in spans], len(edges)))
         lengths = np.tile([1, 1, 0], LIMIT_DASHES * len(spans))
         self.columns(path, times, scalars.partition(lengths=lengths))
