@@ -120,8 +120,8 @@ def _finite_size(bounds: FloatArray) -> FloatArray:
 
 
 @lru_cache(maxsize=16)
-def kernels(kinds: LimitKinds, fast: bool) -> list[Kernel]:
-    """Return the kernels of a mesh point and of an interval.
+def kernels(kinds: LimitKinds, common: int, fast: bool) -> list[Kernel]:
+    """Return the kernels of a mesh point and of an interval, with a number of common coefficients.
 
     Raises
     ------
@@ -129,7 +129,7 @@ def kernels(kinds: LimitKinds, fast: bool) -> list[Kernel]:
         The expression of a further limit has no derivatives.
     """
     compiled = compile_functions if fast else list[ca.Function]
-    functions = [_point(kinds), _interval(kinds)]
+    functions = [_point(kinds, common), _interval(kinds, common)]
     try:
         return kernels_of(functions, lambda scalar: compiled(with_derivatives(scalar)))
     except deadline.Over:
@@ -145,15 +145,15 @@ def kernels(kinds: LimitKinds, fast: bool) -> list[Kernel]:
         ) from problem
 
 
-def _point(kinds: LimitKinds) -> ca.Function:
+def _point(kinds: LimitKinds, common: int) -> ca.Function:
     """Return the limits of s'' at a mesh point, given s' and s''."""
-    w, c = ca.MX.sym("w", 2), ca.MX.sym("c", common_size(kinds) + kinds.numbers)
-    common, numbers = ca.vertsplit(c, [0, common_size(kinds), c.numel()])
-    values = _limit_rows(kinds, kinds.of_acceleration, numbers, common, (w[0], w[1], 0.0))
+    w, c = ca.MX.sym("w", 2), ca.MX.sym("c", common + kinds.numbers)
+    parts = c[common:], c[:common]
+    values = _limit_rows(kinds, kinds.of_acceleration, *parts, (w[0], w[1], 0.0))
     return ca.Function("point", [w, c], [values, ca.MX(0)])
 
 
-def _interval(kinds: LimitKinds) -> ca.Function:
+def _interval(kinds: LimitKinds, common: int) -> ca.Function:
     """Return the rows of docs/theory/path_timing.md, "One program on places", and the cost.
 
     An interval has v = s' and a = s'' at both ends, its time h, and d, the linear change of s''' in
@@ -161,10 +161,10 @@ def _interval(kinds: LimitKinds) -> ca.Function:
     order in its length.
     """
     one, three = kinds.of_acceleration, kinds.of_rates
-    sizes = common_size(kinds), *[kinds.numbers] * 3, 1
+    sizes = common, *[kinds.numbers] * 3, 1
     w, c = ca.MX.sym("w", 6), ca.MX.sym("c", sum(sizes))
     v, a, h, v_end, a_end, d = ca.vertsplit(w)
-    common, start, end, middle, step = ca.vertsplit(c, np.cumsum([0, *sizes]).tolist())
+    shared, start, end, middle, step = ca.vertsplit(c, np.cumsum([0, *sizes]).tolist())
     # Equation (8): s''' = j + d (x - 1/2) at a share x of the interval, with the mean j, and s'' =
     # a + h (j x - d x (1 - x) / 2). Equations (9) and (10): v and s at its end, v and a in the
     # middle.
@@ -176,10 +176,10 @@ def _interval(kinds: LimitKinds) -> ca.Function:
     values = ca.vertcat(
         v_end - v - gained,
         step - travelled,
-        _limit_rows(kinds, three, start, common, (v, a, j - 0.5 * d)),
-        _limit_rows(kinds, three, end, common, (v_end, a_end, j + 0.5 * d)),
-        _limit_rows(kinds, three, middle, common, (v_middle, a_middle, j)),
-        _limit_rows(kinds, one, middle, common, (v_middle, a_middle, 0.0)),
+        _limit_rows(kinds, three, start, shared, (v, a, j - 0.5 * d)),
+        _limit_rows(kinds, three, end, shared, (v_end, a_end, j + 0.5 * d)),
+        _limit_rows(kinds, three, middle, shared, (v_middle, a_middle, j)),
+        _limit_rows(kinds, one, middle, shared, (v_middle, a_middle, 0.0)),
         # The speed at the thirds: at the middle alone, s'' would keep a constant error on an arc at
         # the velocity limit.
         *(v + h * x * (a + h * x * (0.5 * (j - 0.5 * d) + x * d / 6.0)) for x in SPEED_PLACES),
@@ -187,17 +187,6 @@ def _interval(kinds: LimitKinds) -> ca.Function:
     # Integral of the squared s''' over the interval: h (j^2 + d^2 / 12).
     rough = h * (j**2 + d**2 / 12.0)
     return ca.Function("interval", [w, c], [values, h + SMOOTHING_WEIGHT * rough])
-
-
-def common_size(kinds: LimitKinds) -> int:
-    """Count the coefficients that all places share."""
-    family = kinds.family
-    sizes = 0
-    for key in (*kinds.of_acceleration, *kinds.of_rates):
-        member = family[key] if family else None
-        rows = len(_sides(member)) if member and member.varies else 1
-        sizes += rows * (len(member.lower) if member else kinds.joints)
-    return 2 + 2 * kinds.joints + sizes
 
 
 def _limit_rows(
@@ -285,7 +274,7 @@ def program_of(
     kept = np.isfinite(bounds.row_lower) | np.isfinite(bounds.row_upper)
     height = int(kept.sum())
     rows = np.where(kept, np.cumsum(kept) - 1, height)
-    point, interval = kernels(kinds, fast)
+    point, interval = kernels(kinds, of_points.shape[1] - kinds.numbers, fast)
     first = count * point.value.size1_out(0)
     pieces = [
         KernelCalls.at_points(kernel, x, at, lines.reshape(len(at), -1), ca.MX(ca.DM(table.T)))
