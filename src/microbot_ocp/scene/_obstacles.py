@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
 from microbot_ocp._base.needed import needed
 from microbot_ocp.robot import Capsule, rigid_transform, transform_of
 
@@ -184,7 +184,7 @@ class ConvexMesh:
     def __post_init__(self) -> None:
         points = checks.array("vertices of the mesh", self.vertices, (None, 3), "m")
         # A hull needs volume: qhull fails on points in a plane.
-        if len(points) < 4 or np.linalg.matrix_rank(points - points[0], tol=1e-9) < 3:
+        if len(points) < 4 or np.linalg.matrix_rank(points - points[0], tol=ROUNDING) < 3:
             raise InputError("vertices of the mesh must be at least 4 that do not lie in a plane")
         _put(self, "vertices", points)
         _put(self, "pose", _pose("pose of the mesh", self.pose))

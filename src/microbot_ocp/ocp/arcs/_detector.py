@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp.ocp.problem import Expressions, PathConstraint, Phase, Variable
 from microbot_ocp.ocp.solution import PhaseSolution
 from microbot_ocp.ocp.transcription.schemes import Collocation
@@ -283,7 +283,7 @@ def mixed_limits(phase: PhaseSolution, declared: Phase) -> list[Activity]:
         scheme = Collocation("gauss", 3)
     points = np.array(scheme.points)
     # Sampling exactly at a mesh point would return the values of the next interval.
-    t = (phase.mesh[:-1, None] + (1 - 1e-9) * points * steps[:, None]).ravel() * phase.duration
+    t = (phase.mesh[:-1, None] + (1 - ROUNDING) * points * steps[:, None]).ravel() * phase.duration
     expressions = Expressions(declared)
     sampled = {name: table.T for name, table in phase.sample(t).items()}
     table_of_inputs = expressions.table(sampled, t, phase.duration)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp.ocp.arcs._detector import Switch
 
 BRACKET = 0.1  # distance of added points from a junction, as a fraction of the adjacent interval
@@ -26,7 +26,7 @@ def hold(
         if min(place, 1.0 - place) > accuracy:
             points = _with_point(points, place, held, accuracy)
             held.append(place)
-    return points[np.concatenate([[True], np.diff(points) > 1e-9])]
+    return points[np.concatenate([[True], np.diff(points) > ROUNDING])]
 
 
 def move_to_switches(mesh: FloatArray, switches: Sequence[Switch], accuracy: float) -> FloatArray:

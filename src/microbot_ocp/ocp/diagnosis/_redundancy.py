@@ -12,10 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
 from microbot_ocp.ocp.transcription import IntArray, Program
-
-RANK = 1e-9  # rest of a row after projection that counts as rounding, relative to the row
 
 
 def independent(program: Program, x: FloatArray, tolerance: float) -> tuple[Program, list[str]]:
@@ -50,7 +48,7 @@ def independent(program: Program, x: FloatArray, tolerance: float) -> tuple[Prog
             max(float(np.abs(each[j][k] - weight @ each[j]).max()) for each in values)
             for j in (0, 1)
         )
-        if not (slopes <= RANK * size and np.isfinite(missed)):
+        if not (slopes <= ROUNDING * size and np.isfinite(missed)):
             continue  # a coincidence at x
         others = " and ".join(_named(program, rows[j]) for j in np.flatnonzero(weight))
         others = others or "fixed variables"
@@ -112,12 +110,12 @@ def _dependent(slopes: FloatArray) -> dict[int, FloatArray]:
         known = basis[: len(kept)]
         rest = row - known.T @ (known @ row)
         size = np.linalg.norm(rest)
-        if size > RANK * max(1.0, float(np.linalg.norm(row))):
+        if size > ROUNDING * max(1.0, float(np.linalg.norm(row))):
             basis[len(kept)] = rest / size
             kept.append(k)
             continue
         weights[k] = np.zeros(len(slopes))
         if kept:
             found = np.linalg.lstsq(slopes[kept].T, row, rcond=None)[0]
-            weights[k][kept] = np.where(np.abs(found) > RANK, found, 0.0)
+            weights[k][kept] = np.where(np.abs(found) > ROUNDING, found, 0.0)
     return weights

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
 from microbot_ocp._base.foreign_words import Hinting
 from microbot_ocp._base.outcome import Advice, Ledger, LedgerRow, Outcome, remark
 from microbot_ocp._base.portable import Portable
@@ -130,7 +130,7 @@ class PhaseSolution(Hinting, Portable):
         layout = self.laid_out
         assert self.stages is not None
         times = checks.array("t", np.atleast_1d(np.asarray(t, dtype=float)), (None,), "s")
-        slack = 1e-9 * max(1.0, self.duration)
+        slack = ROUNDING * max(1.0, self.duration)
         outside = times[(times < -slack) | (times > self.duration + slack)]
         if outside.size:
             raise InputError(

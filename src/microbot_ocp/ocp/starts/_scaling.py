@@ -18,7 +18,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp.ocp.problem import (
     LIMITS,
     VARIABLES,
@@ -341,7 +341,6 @@ def _least_sizes(solution: Solution) -> dict[str, dict[str, FloatArray]]:
     }
 
 
-TINY = 1e-9  # size of a guess below which it counts as zero, relative to its bounds, or to one
 LOOSE_RATIO = 1e3  # ratio of bounds to guess above which bounds do not indicate a size
 
 
@@ -358,7 +357,7 @@ def _size(
     if guess is not None:
         size = np.abs(guess).max(axis=0)
         # A value within rounding of zero, left by a computation, is no size.
-        least = np.fmax(TINY * np.where(bounded, bounds, 1.0), least_size)
+        least = np.fmax(ROUNDING * np.where(bounded, bounds, 1.0), least_size)
         sizes.append(np.where(size > least, size, 0.0))
     for condition in (variable.initial, variable.final):
         if condition is not None:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp.ocp.arcs import (
     ArcPlan,
     PlannedArc,
@@ -159,7 +159,7 @@ REACHED = 1e-5  # distance at which a limit of the states is reached, relative t
 def _met_on(plan: ArcPlan, piece: PhaseSolution, begin: float, end: float) -> list[tuple[int, int]]:
     """Return (column, side) of the state limits that are reached on a part of an arc."""
     first = max(int(np.searchsorted(piece.mesh, begin, side="right")) - 1, 0)
-    last = int(np.searchsorted(piece.mesh, end - 1e-9))
+    last = int(np.searchsorted(piece.mesh, end - ROUNDING))
     met = []
     for k, column in enumerate(plan.columns):
         if column.limit is None or column.limit.mixed:

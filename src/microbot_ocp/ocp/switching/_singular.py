@@ -24,7 +24,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base import deadline
-from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.arcs import ArcPlan, PlannedArc, Sample, joined
 from microbot_ocp.ocp.mesh import divide_phase, state_errors
@@ -41,7 +41,6 @@ LEAST_INTERVALS = 4  # intervals of an arc on its first mesh
 MOST_ROUNDS = 6  # solves, each on a finer mesh
 SHORTEST_ARC = 1e-6  # least length of an arc, as a fraction of the phase
 TIMES_CHECKED = 200  # instants of an arc at which signs and limits are checked
-VANISHING = 1e-9  # size of a switching function that counts as zero, relative to its largest one
 VIOLATION = 1e-6  # violation of limits and signs, relative to the range or the largest value
 AT_END = 1e-6  # distance from a bound at which an end condition is active, relative to its range
 AGREEING_COST = 1e-2  # difference to the cost of the nearby solution, relative to that cost
@@ -188,7 +187,7 @@ class _FirstOrderConditions:
                 # The arc is of first order only if B does not vanish, compared with H_u over time
                 # squared.
                 size = self.sizes[law.free] / plan.duration**2
-                if not np.abs(_values(law.terms, *values)[-1]).max() > VANISHING * size:
+                if not np.abs(_values(law.terms, *values)[-1]).max() > ROUNDING * size:
                     raise NotPossibleError(
                         "a singular control does not appear in the second time derivative of its "
                         "switching function"
@@ -444,7 +443,7 @@ class _FirstOrderConditions:
                 switches = sides[index] * sides[index + 1] < 0
                 jumps = np.abs(along[:, -1]) / largest
                 vanishing = max(vanishing, float(jumps[switches].max(initial=0.0)))
-        if vanishing > VANISHING:
+        if vanishing > ROUNDING:
             raise NotPossibleError(
                 f"a switching function comes to {vanishing:.1e} of its largest value where it must "
                 "vanish"

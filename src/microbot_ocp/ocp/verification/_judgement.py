@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
 from microbot_ocp._base.growth import growth_said
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, node_variables
@@ -76,7 +76,6 @@ RESIDUALS = {
     "complementarity": "not complementary: {} has a multiplier away from its limit, worth {}",
     "sign": "multiplier of the wrong sign: {} with {}",
 }
-STALE = 1e-9  # relative difference of values and stages above which a solution is inconsistent
 
 
 @dataclass(frozen=True)
@@ -272,8 +271,8 @@ def _problems_of(solution: Solution, stages: Sequence[PhaseSolution]) -> list[Fa
         failures.append(Failure(solution.status, f"the solve did not converge: {solution.status}"))
     for phase, again in zip(solution.phases, stages, strict=True):
         for name, values in phase.values.items():
-            size = max(1e-9, float(np.abs(again.values[name]).max()))
-            if not np.abs(values - again.values[name]).max() <= STALE * size:
+            size = max(ROUNDING, float(np.abs(again.values[name]).max()))
+            if not np.abs(values - again.values[name]).max() <= ROUNDING * size:
                 sentence = (
                     f"the values of {name} in phase {phase.name!r} differ from those of its stages"
                 )

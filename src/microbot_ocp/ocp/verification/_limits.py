@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp._base.interpolants import reads
 from microbot_ocp.ocp.problem import Expressions, Phase
 from microbot_ocp.ocp.solution import PhaseSolution
@@ -232,7 +232,7 @@ def _acting(dense: DensePhase, limited: Limited, prices: np.ndarray) -> Iterator
     """Yield the arcs of a phase on which one limit is active, with their prices."""
     phase, size = dense.phase, limited.size
     # Multipliers stand at mesh points, arcs end at dense points: match them up to one dense step.
-    reach = 1e-9 + float(np.diff(phase.mesh).max()) / POINTS
+    reach = ROUNDING + float(np.diff(phase.mesh).max()) / POINTS
     for side, limit, sign in (("lower", limited.low, -1.0), ("upper", limited.high, 1.0)):
         if not np.isfinite(limit):
             continue

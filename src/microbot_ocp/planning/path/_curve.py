@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
 from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.planning.task import check_pace, check_positions, check_rest, locked_joints
@@ -33,7 +33,6 @@ IntArray = NDArray[np.intp]
 
 
 TINY = 1e-300  # divisor in place of zero
-VANISHING_DERIVATIVE = 1e-9  # derivative that counts as zero, per largest along the path
 CORNER_JUMP = 1e-6  # jump of the tangent that counts as a corner, per largest tangent
 
 
@@ -282,7 +281,7 @@ def vanishing_orders(path: PiecewisePolynomial, s: FloatArray, *, from_left: boo
     for _ in range(path.coefficients.shape[1] - 2):
         curve = curve.derivative()
         sizes = np.abs(curve(places, from_left=from_left)).max(axis=1)
-        vanish &= sizes[-s.size :] <= VANISHING_DERIVATIVE * max(sizes.max(), TINY)
+        vanish &= sizes[-s.size :] <= ROUNDING * max(sizes.max(), TINY)
         orders += vanish
         if not vanish.any():
             break
@@ -462,7 +461,7 @@ def _tangents(
     sides = np.stack([tangents[-1, :-1], tangents[0, 1:]])
     around = np.stack([sizes[:-1], sizes[1:]])
     ratios = np.abs(sides).max(axis=2) / np.maximum(around, TINY)
-    sides[ratios <= VANISHING_DERIVATIVE] = 0.0
+    sides[ratios <= ROUNDING] = 0.0
     return sides[0], sides[1], sizes, (ratios > CORNER_JUMP).all(axis=0)
 
 

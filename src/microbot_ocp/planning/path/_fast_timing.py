@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from microbot_ocp._base import checks, deadline
-from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import JointLimits, Limits
@@ -215,7 +215,7 @@ def sampled(
         # At an end with a vanishing tangent the state is a fractional power of the parameter.
         bent[[0, -1]] = True
         least = np.where(bent, BENT_STEPS, CUBIC_STEPS)
-        count = finer * np.maximum(least, np.ceil(lengths / step - 1e-9)).astype(int)
+        count = finer * np.maximum(least, np.ceil(lengths / step - ROUNDING)).astype(int)
         i, k = numbered(count + 1)
         # The last sample of an interval lies just before its end, because s'' may jump there.
         early = np.minimum(JUMP_GAP, 0.01 * lengths / count)[i]

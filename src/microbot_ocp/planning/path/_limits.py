@@ -160,7 +160,6 @@ def torque_coefficients(robot: Robot, nodes: Nodes, fast: bool) -> tuple[FloatAr
 
 
 TRIED_RATES = ((-3.0, 0.7), (2.0, 1.9), (50.0, 4.0))  # s'' and s' at which a half plane is tested
-AFFINE_ROUNDING = 1e-9  # distance from a half plane that counts as zero, per magnitude
 
 
 def _half_planes(family: LimitFamily, key: str, nodes: Nodes) -> Coefficients | None:
@@ -174,7 +173,7 @@ def _half_planes(family: LimitFamily, key: str, nodes: Nodes) -> Coefficients | 
     for u, v in TRIED_RATES:
         tried = _along(family, nodes, key, u, v)
         line = rest.value + u * per_u + v**2 * per_x
-        if np.any(np.abs(tried.value - line) > AFFINE_ROUNDING * size * (1 + abs(u) + v**2)):
+        if np.any(np.abs(tried.value - line) > ROUNDING * size * (1 + abs(u) + v**2)):
             return None
         for bound, usual in ((tried.lower, rest.lower), (tried.upper, rest.upper)):
             if not np.array_equal(bound, usual):
@@ -262,7 +261,7 @@ class LimitRows:
         at_nodes = np.zeros(len(self.per_u))
         at_nodes[: x.size], at_nodes[self.right] = x, x[1:]
         # A floor of x keeps the slope finite at stops.
-        v = np.sqrt(np.maximum(at_nodes, 1e-9 * max(float(x.max()), 1e-12)))[:, None]
+        v = np.sqrt(np.maximum(at_nodes, ROUNDING * max(float(x.max()), 1e-12)))[:, None]
         columns, joints = self.torques
         tangent = nodes.tangent[:, joints]
         viscous, dry = (friction(robot, kind)[joints] for kind in (VISCOUS, DRY))

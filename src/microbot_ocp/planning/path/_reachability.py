@@ -26,7 +26,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base import deadline
-from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp._base.fast_calls import deferred_call
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import numbered
@@ -42,7 +42,6 @@ from microbot_ocp.planning.path._limits import (
 )
 from microbot_ocp.planning.task import DRY, VISCOUS, friction
 
-LIMIT_ROUNDING = 1e-9  # relative violation of a limit that counts as rounding
 SETTLED_CHANGE = 1e-4  # relative change of a duration that ends the doubling of the grid
 SERIES_BELOW = 1e-4  # value of k t^2 below which a series replaces sinh and sin
 
@@ -390,7 +389,7 @@ class _Lines(NamedTuple):
             below, fall = _lowest(x, -self.slope, -self.bottom)
             # At x the range of u has the length room + opening * x, on the two active lines.
             room, opening = above + below, rise + fall
-            slack = LIMIT_ROUNDING * (1.0 + ca.fabs(above) + ca.fabs(below))
+            slack = ROUNDING * (1.0 + ca.fabs(above) + ca.fabs(below))
             missing = -room - opening * x
             nearer = ca.if_else(missing > slack, side * FAR, x)  # infeasible: no x leaves a u
             nearer = ca.if_else(side * opening > 0.0, -room / opening, nearer)
@@ -475,7 +474,7 @@ def _backward(size: int) -> ca.Function:
     x = _Lines.of(left).moved(step).between(w[0], w[1], x[0], x[1])
     empty = ca.SX(0)
     for low, high in (y, w, x):
-        crossed = high < low - LIMIT_ROUNDING * (1.0 + ca.fabs(low))
+        crossed = high < low - ROUNDING * (1.0 + ca.fabs(low))
         empty = ca.logic_or(empty, crossed)
     # Crossed ends mark an empty set, which the next step keeps empty.
     result = ca.if_else(empty, ca.vertcat(1.0, -1.0), ca.vertcat(*x))
@@ -508,7 +507,7 @@ def _forward(size: int) -> ca.Function:
     x, left, right, step, _ = given
     ranges = []
     for lines, at in ((_Lines.of(left), x), (_Lines.of(right), y)):
-        slack = LIMIT_ROUNDING * (1.0 + ca.fabs(lines.slope * at))
+        slack = ROUNDING * (1.0 + ca.fabs(lines.slope * at))
         wider = _Lines(lines.slope, lines.top + slack, lines.bottom - slack)
         ranges.append(wider.between(at, at, -FAR, FAR))
     (low, high), (end_low, end_high) = ranges

@@ -250,7 +250,7 @@ def check_positions(family: LimitFamily, label: Callable[[int], str], q: FloatAr
     robot, keys = family.robot, family.of_order(0)
     for key, values in family.values(MotionSamples.at_rest(q), keys).items():
         member = family[key]
-        slack = 1e-9
+        slack = ROUNDING
         outside = (values.value < values.lower - slack) | (values.value > values.upper + slack)
         for i, j in np.argwhere(outside):
             if key == "q":

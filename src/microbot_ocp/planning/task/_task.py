@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError, warn_user
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError, warn_user
 from microbot_ocp.limits import JointLimits, LimitFamily, Limits
 from microbot_ocp.planning.task._blending import curve_of, segment_name, with_corners_cut
 from microbot_ocp.planning.task._checks import (
@@ -278,7 +278,6 @@ def pose_rows(robot: Robot, stop: Stop) -> list[Row]:
 
 
 RANDOM_STATES = 3  # states at which the slopes of a condition are evaluated
-CONSTANT_SLOPE = 1e-9  # relative slope below which a condition counts as constant
 
 
 def _effective(robot: Robot, stop: Stop, row: Row) -> Row | None:
@@ -299,7 +298,7 @@ def _effective(robot: Robot, stop: Stop, row: Row) -> Row | None:
     states = np.random.default_rng(0).uniform(-1.0, 1.0, (RANDOM_STATES, 2 * robot.joint_count))
     values, slopes = zip(*(map(np.array, along(x)) for x in states), strict=True)
     size = np.max([np.abs(slope).max(axis=1) for slope in slopes], axis=0)
-    fixed = (size <= CONSTANT_SLOPE * max(1.0, size.max())) & (low == high)
+    fixed = (size <= ROUNDING * max(1.0, size.max())) & (low == high)
     off = np.abs(values[0][:, 0] - low)[fixed]
     if off.size and off.max() > EXACT_TOLERANCE:
         raise InputError(
