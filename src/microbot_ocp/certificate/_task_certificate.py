@@ -145,7 +145,7 @@ def stop_misses(robot: Robot, stop: Stop, q: FloatArray) -> dict[tuple[str, str]
 
     Negative values are within the tolerance; a millionth of a metre or radian is allowed on top.
     """
-    slack = 1e-6
+    slack = CONTINUOUS
     if stop.q is not None:
         return {("joint pose", "rad"): _beyond(stop, q - np.array(stop.q)) - slack}
     tool = np.array(forward_kinematics(robot)(q))

@@ -32,7 +32,7 @@ from microbot_ocp.scene import (
 from microbot_ocp.tasks import Cell
 from microbot_ocp.views import _palette as palette
 from microbot_ocp.views._scene import reach
-from microbot_ocp.views._style import Color
+from microbot_ocp.views._style import LINE_RADIUS, Color
 
 JOINT_SIZE = (1.5, 3.6)  # radius and length of a joint's drum, in link radii
 HALF_SPACE_EDGE = 1.0  # half the edge of the drawn part of a half space, relative to the reach
@@ -120,7 +120,7 @@ def obstacle_solid(obstacle: Any, robot: Robot) -> Solid:
     if isinstance(obstacle, HalfSpace):
         normal, base = obstacle.normal, robot.base[:3, 3]
         pose = frame_at(base + (obstacle.offset - normal @ base) * normal, rotation_to(normal))
-        edges = size * np.array([2 * HALF_SPACE_EDGE, 2 * HALF_SPACE_EDGE, 0.02])
+        edges = size * np.array([2 * HALF_SPACE_EDGE, 2 * HALF_SPACE_EDGE, 4 * LINE_RADIUS])
         return Solid("plane", edges, pose, (*color[:3], 90))
     if isinstance(obstacle, Sphere):
         return _ball(obstacle.center, obstacle.radius, color)
@@ -172,7 +172,7 @@ def is_inside(solid: Solid, points: FloatArray) -> Any:
 
 def hidden_share(eye: FloatArray, points: FloatArray, solids: Sequence[Solid]) -> float:
     """Return the share of points [N,3] that a solid hides from an eye [3]."""
-    along = np.linspace(0.02, 0.98, 40)[:, None, None]
+    along = np.linspace(0.0, 1.0, 42)[1:-1, None, None]
     between = (eye + along * (points - eye)).reshape(-1, 3)
     hidden = np.zeros(len(points), dtype=bool)
     for solid in solids:

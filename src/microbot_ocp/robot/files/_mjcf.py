@@ -24,7 +24,7 @@ from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot._shapes import Shape
 from microbot_ocp.robot._transforms import of_quaternion, transform_of, without_rounding
 from microbot_ocp.robot.files._urdf_file import Inertial, UrdfFile, UrdfJoint, UrdfLink
-from microbot_ocp.robot.files._urdf_reader import PARALLEL, joint_motion, robot_of
+from microbot_ocp.robot.files._urdf_reader import MOST_TURNED, PARALLEL, joint_motion, robot_of
 from microbot_ocp.robot.files._xml import Remarks
 
 KINDS = {"FREE": "floating", "BALL": "spherical", "SLIDE": "prismatic", "HINGE": "revolute"}
@@ -86,7 +86,9 @@ def load_mjcf(
     >>> robot.joint_names, robot.limits.q_max.round(4).tolist()
     (('hinge',), [1.5708])
     """
-    checks.number("parallel_tolerance", parallel_tolerance, "rad", at_least=0.0, at_most=0.1)
+    checks.number(
+        "parallel_tolerance", parallel_tolerance, "rad", at_least=0.0, at_most=MOST_TURNED
+    )
     mujoco = needed("mujoco", "reading MJCF files needs", "mjcf")
     bytes_of(path, "robot file")  # errors of reading are equal for all robot files
     origin, remarks = Path(path).name, Remarks()

@@ -43,6 +43,7 @@ from microbot_ocp.robot.files._urdf_file import (
 )
 from microbot_ocp.robot.files._xml import Remarks, read_xml
 
+MOST_TURNED = 0.1  # largest angle between axes that may be made parallel, rad
 PARALLEL = 1e-12  # rad, rounding in the computed angle between parallel axes
 USUAL_TOOL = "tool0"  # name of the tool frame in ROS-Industrial's convention
 # Attributes of a joint.
@@ -134,7 +135,9 @@ def parse_urdf(
     ``origin`` names the file in messages, ``folder`` is the start of mesh searches, and ``about``
     is the content of an SRDF file.
     """
-    checks.number("parallel_tolerance", parallel_tolerance, "rad", at_least=0.0, at_most=0.1)
+    checks.number(
+        "parallel_tolerance", parallel_tolerance, "rad", at_least=0.0, at_most=MOST_TURNED
+    )
     remarks = Remarks()
     with naming(f"{origin}: "):
         file = urdf_file(read_xml(text, remarks), origin, folder, remarks)

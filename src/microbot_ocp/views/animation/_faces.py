@@ -15,7 +15,7 @@ from microbot_ocp.views import _palette as palette
 from microbot_ocp.views._eye import Eye
 from microbot_ocp.views._scene import link_poses, reach
 from microbot_ocp.views._solids import Solid, Tube, capsule_solid, drawn_geometry, joint_solid
-from microbot_ocp.views._style import LINE_RADIUS, LINK_RADIUS, Color
+from microbot_ocp.views._style import FRAME_LENGTH, LINE_RADIUS, LINK_RADIUS, Color
 
 # Edge of an obstacle's face in a film, relative to the reach: depth sorting needs small faces.
 LONGEST_EDGE = 0.07
@@ -87,7 +87,9 @@ def arm_bodies(
         return geometry
     size = reach(robot)
     edge, radius = LONGEST_EDGE * size, LINK_RADIUS * size
-    bodies = [(0, Solid("cylinder", size * np.array([0.065, 0.02]), robot.base, joint))]
+    bodies = [
+        (0, Solid("cylinder", size * np.array([FRAME_LENGTH, 4 * LINE_RADIUS]), robot.base, joint))
+    ]
     starts = [robot.base[:3, 3], *np.zeros((robot.link_count, 3))]
     for frame, (start, (pose, after)) in enumerate(zip(starts, pairwise(poses), strict=True)):
         end = pose[:3, :3].T @ (after[:3, 3] - pose[:3, 3])
@@ -199,4 +201,6 @@ def tube_faces(tube: Tube, size: float) -> Faces:
 
 
 def _unit(vectors: FloatArray) -> FloatArray:
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
+    return vectors / np.maximum(
+        np.linalg.norm(vectors, axis=-1, keepdims=True), np.finfo(float).tiny
+    )

@@ -27,6 +27,8 @@ from microbot_ocp.views.live import InteractiveTask, Setting
 from microbot_ocp.views.plots import SCREEN_DPI, styled
 
 QUANTITIES = ("qd", "tau")
+BEYOND = 1.5  # range of an axis without a limit, relative to the values
+SHARES = (0.5, 1.5)  # usual ends of a slider, shares of the limits
 GRAY: dict[str, Any] = {"color": "0.72", "linewidth": LINE_WIDTH}
 
 
@@ -92,7 +94,7 @@ class LivePlot:
     def png(self, motion: Motion | None, limits: JointLimits, message: str = "") -> bytes:
         """Return the picture of a motion and its limits, or of a message without a motion."""
         if motion is not None and motion.duration > self._axes.get_xlim()[1]:
-            self._keep(1.5 * motion.duration)
+            self._keep(BEYOND * motion.duration)
         self._canvas.restore_region(self._background)
         for (quantity, joint), (axes, curve, lines) in self._panels.items():
             for line, bound in zip(lines, limits.bounds(quantity), strict=True):
@@ -111,9 +113,9 @@ class LivePlot:
 
 
 def _range(values: Any, lower: float, upper: float) -> tuple[float, float]:
-    """Return the range of an axis: the limits, or 1.5 times the values without a limit."""
-    low = lower if np.isfinite(lower) else 1.5 * min(float(values.min()), -1e-3)
-    high = upper if np.isfinite(upper) else 1.5 * max(float(values.max()), 1e-3)
+    """Return the range of an axis: the limits, or more than the values without a limit."""
+    size = BEYOND * max(float(np.abs(values).max()), 1e-3)
+    low, high = np.nan_to_num((lower, upper), neginf=-size, posinf=size)
     return (1 + AXIS_MARGIN) * low, (1 + AXIS_MARGIN) * high
 
 
@@ -162,8 +164,8 @@ class TimeOptimalSliders(InteractiveTask):
         robot: Robot,
         via_q: ArrayLike,
         *,
-        torque: tuple[float, float] = (0.5, 1.5),
-        speed: tuple[float, float] = (0.5, 1.5),
+        torque: tuple[float, float] = SHARES,
+        speed: tuple[float, float] = SHARES,
         payload: float = 2.0,
         **settings: Any,
     ) -> None:

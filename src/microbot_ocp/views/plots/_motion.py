@@ -20,6 +20,8 @@ from microbot_ocp.views._style import BEYOND_LIMIT, SMALL_FONT, entry_styles, en
 from microbot_ocp.views.plots._curves import PASSED, Curve, curves
 from microbot_ocp.views.plots._page import AxesGrid, halo
 
+LOAD_HEIGHT = 0.04  # height of the bar of a load, relative to the panel
+
 
 def motion(
     robot: Robot,
@@ -102,11 +104,11 @@ def cell(cell: Cell) -> AxesGrid:
         for start, end, load in zip(leaves, arrives[1:], task.payloads, strict=False):
             if load.mass:
                 color = np.array(palette.PART[:3]) / 255
-                panel.axvspan(start, end, 0.0, 0.04, color=color, linewidth=0, label="_load")
+                panel.axvspan(start, end, 0.0, LOAD_HEIGHT, color=color, linewidth=0, label="_load")
                 if panel is page.flat[0]:
                     note = {"fontsize": SMALL_FONT, "ha": "center", "va": "bottom"}
                     note |= {"transform": panel.get_xaxis_transform(), "path_effects": halo()}
-                    panel.text((start + end) / 2, 0.04, f"{load.mass:g} kg", **note)
+                    panel.text((start + end) / 2, LOAD_HEIGHT, f"{load.mass:g} kg", **note)
     (legend,) = page.figure.legends
     for text in legend.get_texts():
         if text.get_text() == PASSED:

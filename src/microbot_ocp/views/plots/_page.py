@@ -35,6 +35,7 @@ from microbot_ocp._base.showing import DrawnAxes, GivenAxes
 from microbot_ocp._base.writing import made_folder, write_whole
 from microbot_ocp.views._style import JOINT_LOOKS, SMALL_FONT, WARNING_COLOR
 
+LETTERS = 13  # letters of a legend in an inch
 SCREEN_DPI = 90  # resolution of notebooks and live plots, dots per inch
 FORMATS = (".png", ".pdf", ".svg", ".jpg", ".jpeg")
 COLORED = {
@@ -135,9 +136,9 @@ class Page:
         target: Any = figure if self.is_new else self.axes.flat[0]
         place: dict[str, Any] = {"loc": "best", "fontsize": SMALL_FONT}
         if self.is_new:
-            width = int(13.0 * figure.get_figwidth())
+            width = int(LETTERS * figure.get_figwidth())
             widest = max((len(str(handle.get_label())) for handle in handles), default=1)
-            fit = max(1, int(13.0 * figure.get_figwidth() // (widest + 10)))
+            fit = max(1, width // (widest + 10))
             place = {"loc": "outside lower center", "ncols": min(columns, fit)}
         warning = "\n".join(line for text in warnings for line in textwrap.wrap(text, width))
         if not handles and not warning:
@@ -332,5 +333,6 @@ def _inverted_greys(colors: Any) -> np.ndarray:
     """Return colours [N,4] with inverted greys: white to near black, black to near white."""
     rgba = to_rgba_array([to_rgba(color) for color in colors])
     grey = np.ptp(rgba[:, :3], axis=1) < 0.03
-    rgba[grey, :3] = 0.92 + (0.075 - 0.92) * rgba[grey, :3].mean(axis=1, keepdims=True)
+    lightness = rgba[grey, :3].mean(axis=1, keepdims=True)
+    rgba[grey, :3] = np.interp(lightness, (0.0, 1.0), (0.92, 0.075))
     return rgba

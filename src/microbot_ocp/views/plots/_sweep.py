@@ -12,7 +12,7 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes
 from microbot_ocp._base.status import Status
-from microbot_ocp.sweeps import Sweep
+from microbot_ocp.sweeps import Quartiles, Sweep
 from microbot_ocp.views._scene import limit_title
 from microbot_ocp.views._style import (
     BEYOND_LIMIT,
@@ -191,11 +191,7 @@ def _binned(across: FloatArray, values: FloatArray) -> FloatArray:
     groups = [np.flatnonzero(across == x) for x in np.unique(across)]
     if len(groups) > 8:
         groups = np.array_split(np.argsort(across, kind="stable"), 8)
-    rows = [
-        (np.median(across[k]), *np.quantile(values[k], (0.25, 0.5, 0.75)))
-        for k in groups
-        if k.size >= 5
-    ]
+    rows = [(np.median(across[k]), *Quartiles.of(values[k])[1:]) for k in groups if k.size >= 5]
     return np.array(rows).reshape(-1, 4).T
 
 

@@ -201,7 +201,7 @@ def quaternions(rotations: FloatArray) -> FloatArray:
 
 def along_z(vectors: FloatArray) -> FloatArray:
     """Return quaternions [N,4] that rotate the z axis into the directions of vectors [N,3]."""
-    length = np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)
+    length = np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), np.finfo(float).tiny)
     x, y, z = (vectors / length).T
     turned = np.column_stack([-y, x, np.zeros_like(x), 1 + z])
     turned[z < -1 + ROUNDING] = (1.0, 0.0, 0.0, 0.0)  # half a turn about x: the axis is not unique
