@@ -61,6 +61,9 @@ class Tolerances(NamedTuple):
     via: float = 1e-3
 
 
+USUAL = Tolerances()
+
+
 def certify(
     robot: Robot,
     motion: Motion,
@@ -71,9 +74,9 @@ def certify(
     cycle: bool = False,
     scene: Scene | None = None,
     limit_tolerance: float = LIMIT_TOLERANCE,
-    position_tolerance: float = 1e-3,
-    torque_tolerance: float = 1e-5,
-    via_tolerance: float = 1e-3,
+    position_tolerance: float = USUAL.position,
+    torque_tolerance: float = USUAL.torque,
+    via_tolerance: float = USUAL.via,
     simulated: bool = True,
     time_limit: float = np.inf,
 ) -> Certificate:

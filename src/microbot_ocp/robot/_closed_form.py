@@ -26,9 +26,9 @@ from microbot_ocp._base.writing import write_whole
 from microbot_ocp.robot._dynamics import gravity_torque, mass_matrix
 from microbot_ocp.robot._kinematics import forward_kinematics
 from microbot_ocp.robot._model import Robot
+from microbot_ocp.robot._transforms import NEGLIGIBLE, PARALLEL
 
 MOST_JOINTS = 6  # the mass matrix of the Panda, with seven joints, has 15 000 terms
-NEGLIGIBLE = 1e-15  # relative to the largest value; the transforms have rounding errors below 4e-16
 ENDINGS = {".tex": "latex", ".py": "python", ".c": "c", ".m": "matlab"}
 Runs = tuple[tuple[int, ...], ...]
 Language = Literal["latex", "python", "c", "matlab"]
@@ -298,7 +298,7 @@ def _expanded(
 def _runs(robot: Robot) -> Runs:
     """Return revolute joints grouped by parallel neighbours; each alone if any joint follows."""
     runs: list[list[int]] = []
-    parallel = (np.abs(np.sin(robot.alpha)) < 1e-12) & (robot.beta == 0)
+    parallel = (np.abs(np.sin(robot.alpha)) < PARALLEL) & (robot.beta == 0)
     for joint, kind in enumerate(robot.joint_types):
         if joint == 0 or robot.coupling is not None or not parallel[joint]:
             runs.append([])

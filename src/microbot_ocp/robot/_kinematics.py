@@ -14,13 +14,13 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.robot._function import function_maker, robot_function, symbols
 from microbot_ocp.robot._model import Robot
-from microbot_ocp.robot._transforms import without_rounding
+from microbot_ocp.robot._transforms import PARALLEL, without_rounding
 
 
 def _cos_sin(angle: float) -> tuple[float, float]:
     """Return cosine and sine, exact at multiples of a right angle so that graphs stay sparse."""
     quarter = angle / (np.pi / 2)
-    if abs(quarter - round(quarter)) < 1e-12:
+    if abs(quarter - round(quarter)) < PARALLEL:
         turn = round(quarter) % 4
         return (1.0, 0.0, -1.0, 0.0)[turn], (0.0, 1.0, 0.0, -1.0)[turn]
     return float(np.cos(angle)), float(np.sin(angle))

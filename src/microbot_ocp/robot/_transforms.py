@@ -19,9 +19,13 @@ def transform_of(rotation: ArrayLike, position: ArrayLike) -> FloatArray:
     return matrix
 
 
+NEGLIGIBLE = 1e-15  # relative to the largest value; the transforms have rounding errors below 4e-16
+PARALLEL = 1e-12  # rad and m, rounding in the computed angle or distance between equal axes
+
+
 def without_rounding(matrix: FloatArray) -> FloatArray:
-    """Return the matrix with entries below 1e-15, rounding errors of right angles, set to zero."""
-    return np.where(np.abs(matrix) < 1e-15, 0.0, matrix)
+    """Return the matrix with rounding errors of right angles set to zero."""
+    return np.where(np.abs(matrix) < NEGLIGIBLE, 0.0, matrix)
 
 
 def rotation_of(angles: ArrayLike) -> FloatArray:
@@ -42,7 +46,7 @@ def fixed_angles(rotation: ArrayLike) -> FloatArray:
     [0.1, 0.2, 0.3]
     """
     m = checks.array("rotation", rotation, (3, 3))
-    vertical = np.hypot(m[0, 0], m[1, 0]) < 1e-15  # roll and yaw are about one axis
+    vertical = np.hypot(m[0, 0], m[1, 0]) < NEGLIGIBLE  # roll and yaw are about one axis
     yaw = 0.0 if vertical else np.arctan2(m[1, 0], m[0, 0])
     # The order yaw, pitch, roll keeps full precision for any pitch.
     cos, sin = np.cos(yaw), np.sin(yaw)

@@ -182,7 +182,7 @@ def _points(
 ) -> tuple[list[tuple[str, ca.MX]], list[FloatArray], FloatArray, np.ndarray]:
     """Return symbols of a phase, values [size, M], times and intervals of its sample points."""
     phase, h = values.laid_out.phase, np.diff(values.mesh)
-    fractions = np.array([1.0]) if at_end else np.array([0.0, 0.25, 0.5, 0.75, 1.0])
+    fractions = np.array([1.0]) if at_end else np.linspace(0.0, 1.0, 5)
     intervals = np.arange(h.size)[-1:] if at_end else np.arange(h.size)
     k = np.repeat(intervals, fractions.size)
     share = np.tile(fractions, intervals.size)

@@ -17,7 +17,7 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.planning.path._curve import TINY, PathCurve
-from microbot_ocp.planning.path._limits import FAR
+from microbot_ocp.planning.path._limits import FAR, NEGLIGIBLE
 from microbot_ocp.planning.path._reachability import CurveLimits
 
 GRID = 150  # number of intervals of a curve
@@ -82,7 +82,7 @@ def blocking_limit(family: LimitFamily, curve: PathCurve, fast: bool) -> Blocked
         (np.arange(count), np.arange(count), count + 1 + np.arange(count)),
         (rows.right, np.arange(1, count + 1), 2 * count + 1 + np.arange(count)),
     ):
-        scale = np.maximum(size[ends], 1e-12)
+        scale = np.maximum(size[ends], NEGLIGIBLE)
         bounds = np.stack([rows.upper[ends] / scale, -rows.lower[ends] / scale]).transpose(2, 0, 1)
         k, side, i = np.nonzero(np.isfinite(bounds))
         at, sign = first + np.arange(k.size), 1.0 - 2.0 * side

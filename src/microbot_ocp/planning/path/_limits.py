@@ -215,7 +215,7 @@ def _velocity_bound(family: LimitFamily, nodes: Nodes) -> FloatArray:
         return np.minimum(np.where(np.abs(tangent) > 0, np.square(limit), np.inf), FAR)
 
 
-STANDSTILL_RATIO = 1e-12  # x that counts as a stop, per largest x
+NEGLIGIBLE = 1e-12  # value that counts as zero, per largest one
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,7 +242,7 @@ class LimitRows:
         tables = np.concatenate([np.zeros((4, len(nodes.position), 0)), *parts], axis=2)
         per_u = np.abs(tables[0])
         # Rounding leaves tiny coefficients of u where a joint's inertia along the path vanishes.
-        tables[0, per_u < 1e-12 * per_u.max(axis=0, initial=0.0)] = 0.0
+        tables[0, per_u < NEGLIGIBLE * per_u.max(axis=0, initial=0.0)] = 0.0
         return cls(*tables, right=nodes.right, names=tuple(names))
 
     @property
@@ -261,7 +261,7 @@ class LimitRows:
         at_nodes = np.zeros(len(self.per_u))
         at_nodes[: x.size], at_nodes[self.right] = x, x[1:]
         # A floor of x keeps the slope finite at stops.
-        v = np.sqrt(np.maximum(at_nodes, ROUNDING * max(float(x.max()), 1e-12)))[:, None]
+        v = np.sqrt(np.maximum(at_nodes, ROUNDING * max(float(x.max()), NEGLIGIBLE)))[:, None]
         columns, joints = self.torques
         tangent = nodes.tangent[:, joints]
         viscous, dry = (friction(robot, kind)[joints] for kind in (VISCOUS, DRY))
@@ -270,7 +270,7 @@ class LimitRows:
         # The coefficients already contain the full dry friction, which is subtracted here.
         constant = viscous * tangent * v + dry * (share - np.sign(tangent)) - slope * v**2
         # Friction is full right after a stop and zero at the stop: limits hold with both values.
-        still = at_nodes[:, None] <= STANDSTILL_RATIO * float(x.max())
+        still = at_nodes[:, None] <= NEGLIGIBLE * float(x.max())
         least, most = np.minimum(constant, 0.0), np.maximum(constant, 0.0)
         per_x, lower, upper = self.per_x.copy(), self.lower.copy(), self.upper.copy()
         per_x[:, columns] += np.where(still, 0.0, slope)

@@ -24,8 +24,8 @@ from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import PiecewisePolynomial
-from microbot_ocp.planning.path._curve import PathCurve, segments, stops
-from microbot_ocp.planning.path._limits import FAR, LimitRows, Nodes, PathLimits
+from microbot_ocp.planning.path._curve import TINY, PathCurve, segments, stops
+from microbot_ocp.planning.path._limits import FAR, NEGLIGIBLE, LimitRows, Nodes, PathLimits
 from microbot_ocp.planning.path._reachability import CurveLimits, Reached, reach
 from microbot_ocp.planning.task import VISCOUS, check_limits, friction
 from microbot_ocp.robot import Robot
@@ -253,7 +253,7 @@ def speed_range(rows: LimitRows, per_v: FloatArray) -> tuple[FloatArray, FloatAr
         np.hstack([sign * table for sign, _ in sides]) for table in (rows.per_u, per_v, rows.per_x)
     )
     h = np.hstack([bound for _, bound in sides])
-    flat = np.abs(a) <= 1e-12 * np.abs(a).max(axis=0, initial=1e-300)
+    flat = np.abs(a) <= NEGLIGIBLE * np.abs(a).max(axis=0, initial=TINY)
     size = np.where(flat, 1.0, np.abs(a))
     f, b, h = f / size, b / size, h / size
     above, below = ~flat & (a > 0), ~flat & (a < 0)

@@ -33,6 +33,7 @@ from microbot_ocp.motion import numbered
 from microbot_ocp.planning.path._curve import PathCurve, samples_along
 from microbot_ocp.planning.path._limits import (
     FAR,
+    NEGLIGIBLE,
     LimitRows,
     Nodes,
     PathLimits,
@@ -413,7 +414,6 @@ def _function(name: str, given: list[ca.SX], results: list[ca.SX]) -> ca.Functio
 
 # Relative change of an inertia in an interval up to which limits of one end suffice.
 SAME_INERTIA = 0.1
-NO_INERTIA = 1e-12  # coefficient of s'' that counts as zero, relative to that of s'^2
 
 
 @lru_cache(maxsize=32)
@@ -434,7 +434,7 @@ def _at_ends(width: int) -> ca.Function:
     for pair in (rows, rows[::-1]):
         m, c, *bounds = (ca.vertcat(*both) for both in zip(*pair, strict=True))
         # m and c are the coefficients of u and x. A row without u bounds x alone.
-        flat = ca.fabs(m) <= NO_INERTIA * (ca.fabs(m) + step * ca.fabs(c))
+        flat = ca.fabs(m) <= NEGLIGIBLE * (ca.fabs(m) + step * ca.fabs(c))
         alone = ca.logic_and(ca.logic_and(counts, flat), c != 0.0)
         matters = ca.logic_and(counts, ca.logic_not(flat))
         one, other = (b / ca.if_else(matters, m, ca.if_else(alone, c, 1.0)) for b in bounds)

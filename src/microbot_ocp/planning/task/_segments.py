@@ -19,7 +19,9 @@ from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.limits import Limit
 
-DIRECTIONS = np.array([0.0, 0.25, 0.5, 0.75]) * np.pi  # normals of the octagon's sides, rad
+TOLERANCE, ORIENTATION_TOLERANCE = 1e-3, 0.01  # usual ones of a tool line or an arc, m and rad
+COLLINEAR = 1e-12  # squared sine or turn that counts as zero
+DIRECTIONS = np.arange(4) / 4 * np.pi  # normals of the octagon's sides, rad
 SIDE = float(np.cos(np.pi / 8))  # distance of the octagon's sides, per radius of its corners
 
 
@@ -46,8 +48,8 @@ class Line:
         A tolerance is not above zero.
     """
 
-    tolerance: float = 1e-3
-    orientation_tolerance: float = 0.01
+    tolerance: float = TOLERANCE
+    orientation_tolerance: float = ORIENTATION_TOLERANCE
 
     def __post_init__(self) -> None:
         checks.number("tolerance of a line", self.tolerance, "m", above=0.0)
@@ -80,8 +82,8 @@ class Circle:
     """
 
     through: Any
-    tolerance: float = 1e-3
-    orientation_tolerance: float = 0.01
+    tolerance: float = TOLERANCE
+    orientation_tolerance: float = ORIENTATION_TOLERANCE
     turns: int = 0
 
     def __post_init__(self) -> None:
@@ -109,7 +111,7 @@ class JointLine:
         The tolerance is not above zero.
     """
 
-    tolerance: float = 1e-3
+    tolerance: float = TOLERANCE
 
     def __post_init__(self) -> None:
         checks.number("tolerance of a joint line", self.tolerance, "rad", above=0.0)
@@ -181,7 +183,7 @@ class CircleArc:
         a, b = middle - start, end - start
         normal = np.cross(a, b)
         size = float(normal @ normal)
-        if size <= 1e-12 * float(a @ a) * float(b @ b):
+        if size <= COLLINEAR * float(a @ a) * float(b @ b):
             raise InputError(
                 "its three points must be apart and not on a straight line: "
                 f"{start.tolist()}, {middle.tolist()}, {end.tolist()}"
@@ -280,7 +282,7 @@ class Turning:
                 "the orientations at its two ends are half a turn apart: the way from one to the "
                 "other is not unique, give a stop in between"
             )
-        turns = size > 1e-12
+        turns = size > COLLINEAR
         axis = sine / size if turns else np.array([0.0, 0.0, 1.0])
         rows = tuple(tuple(row) for row in start.tolist())
         return cls(rows, tuple(axis.tolist()), angle if turns else 0.0, free)

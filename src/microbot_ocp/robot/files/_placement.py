@@ -13,11 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.robot._transforms import dh_transform, transform_of
+from microbot_ocp.robot._transforms import NEGLIGIBLE, PARALLEL, dh_transform, transform_of
 
 NEARLY_PARALLEL = 0.02  # sine of the angle of two axes, below which their common normal is distant
-ROUNDING = 1e-15  # m and rad, rounding of a zero
-COINCIDENT = 1e-12  # m, and the sine of an angle, below which two axes are one
 
 
 class Rows(NamedTuple):
@@ -61,7 +59,7 @@ def dh_rows(points: FloatArray, axes: FloatArray, parallel_tolerance: float) -> 
         turned = np.cos(beta) * x - np.sin(beta) * z_turned
         theta = np.arctan2(z_next @ np.cross(turned, x_next), turned @ x_next)
         row = np.array([alpha, a, z_next @ (origin_next - foot), theta, beta])
-        table[i] = np.where(np.abs(row) < ROUNDING, 0.0, row)
+        table[i] = np.where(np.abs(row) < NEGLIGIBLE, 0.0, row)
         # The rows themselves place the next frame, so that rounding does not accumulate.
         placed = placed @ dh_transform(*table[i])
         frames.append(placed)
@@ -70,9 +68,9 @@ def dh_rows(points: FloatArray, axes: FloatArray, parallel_tolerance: float) -> 
 
 def _frame_zero(point: FloatArray, axis: FloatArray) -> FloatArray:
     """Return frame 0 [4,4] in the base frame; the base frame itself if possible."""
-    if np.hypot(axis[0], axis[1]) < COINCIDENT and axis[2] > 0:
+    if np.hypot(axis[0], axis[1]) < PARALLEL and axis[2] > 0:
         beside = np.array([point[0], point[1], 0.0])
-        if np.linalg.norm(beside) < COINCIDENT:
+        if np.linalg.norm(beside) < PARALLEL:
             return np.eye(4)
     x = _across(np.eye(3)[0], axis)
     return transform_of(np.column_stack([x, np.cross(axis, x), axis]), point)
@@ -128,10 +126,10 @@ def _normal(
             gap = _crossing(foot, z, point_next, z_next) - foot
         beside = gap - (gap @ z) * z
         distance = np.linalg.norm(beside)
-        return (beside / distance if distance > COINCIDENT else _across(x, z)), foot
+        return (beside / distance if distance > PARALLEL else _across(x, z)), foot
     cross = np.cross(z, z_next)
     unit = cross / sine
     reach = gap @ unit
-    if reach < -COINCIDENT or (abs(reach) <= COINCIDENT and unit @ x < 0):
+    if reach < -PARALLEL or (abs(reach) <= PARALLEL and unit @ x < 0):
         unit = -unit
     return unit, point + (np.cross(gap, z_next) @ cross / sine**2) * z

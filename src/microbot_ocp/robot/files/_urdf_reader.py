@@ -28,7 +28,7 @@ from microbot_ocp.robot._coupling import Mimic
 from microbot_ocp.robot._links import Link, Part, combined, inertia_fault
 from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot._shapes import Shape
-from microbot_ocp.robot._transforms import without_rounding
+from microbot_ocp.robot._transforms import PARALLEL, without_rounding
 from microbot_ocp.robot.files._placement import dh_rows
 from microbot_ocp.robot.files._ros_files import urdf_content
 from microbot_ocp.robot.files._urdf_file import (
@@ -44,7 +44,6 @@ from microbot_ocp.robot.files._urdf_file import (
 from microbot_ocp.robot.files._xml import Remarks, read_xml
 
 MOST_TURNED = 0.1  # largest angle between axes that may be made parallel, rad
-PARALLEL = 1e-12  # rad, rounding in the computed angle between parallel axes
 USUAL_TOOL = "tool0"  # name of the tool frame in ROS-Industrial's convention
 # Attributes of a joint.
 FIELDS = {"qd": "velocity", "tau": "effort", "qdd": "acceleration", "qddd": "jerk"}
