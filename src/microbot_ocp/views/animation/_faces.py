@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp.robot import Capsule, Robot, Shape, TriangleMesh
 from microbot_ocp.views import _palette as palette
 from microbot_ocp.views._eye import Eye
@@ -93,7 +93,7 @@ def arm_bodies(
     starts = [robot.base[:3, 3], *np.zeros((robot.link_count, 3))]
     for frame, (start, (pose, after)) in enumerate(zip(starts, pairwise(poses), strict=True)):
         end = pose[:3, :3].T @ (after[:3, 3] - pose[:3, 3])
-        if np.linalg.norm(end - start) > 1e-6 * size:
+        if np.linalg.norm(end - start) > ROUNDING * size:
             bodies.append((frame, capsule_solid(Capsule(start, end, radius), link)))
     for frame, kind in enumerate(robot.chain.joint_types, start=1):
         bodies.append((frame, joint_solid(kind, radius, joint)))

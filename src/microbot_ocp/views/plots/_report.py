@@ -141,14 +141,14 @@ def _draw_table(axes: Axes, comparison: Comparison, text: str) -> None:
     size = min(TINY_FONT + 0.4, 780 / max(map(len, [head, *rows])))  # largest size that fits
     style: dict[str, Any] = {"family": "DejaVu Sans Mono", "fontsize": size, "va": "center"}
     step = 1.0 / (len(rows) + 1)
-    axes.text(0.05, 1.0 - step / 2, head, fontweight="bold", **style)
+    axes.text(MARGIN, 1.0 - step / 2, head, fontweight="bold", **style)
     for place, (row, entry, look) in enumerate(
         zip(rows, comparison.entries, entry_styles(comparison).values(), strict=True), start=1
     ):
         height = 1.0 - (place + 0.5) * step
         axes.axhline(1.0 - place * step, color="0.8", **THIN)
         color = "black" if entry.motion else WARNING_COLOR
-        axes.text(0.05, height, row, color=color, **style)
+        axes.text(MARGIN, height, row, color=color, **style)
         if entry.motion is not None:
             line: dict[str, Any] = {"color": look.color, "linestyle": look.linestyle}
             axes.plot([0.0, 0.04], [height] * 2, linewidth=LINE_WIDTH, **line)

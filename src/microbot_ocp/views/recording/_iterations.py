@@ -27,6 +27,7 @@ from microbot_ocp.views.recording import _blueprint as layout
 from microbot_ocp.views.recording._space import draw_base
 from microbot_ocp.views.recording._writer import (
     LIMIT_DASHES,
+    LIMIT_WIDTH,
     MARKS,
     WORLD,
     Times,
@@ -249,7 +250,10 @@ def _prepare_panel(writer: Writer, path: str) -> None:
     corners = [[0, 0], [0, -height], [width, -height], [width, 0], [0, 0]]
     box = rr.LineStrips2D([corners], radii=-0.5, colors=[palette.NEUTRAL])
     writer.static(f"{path}/box", box)
-    for leaf, color, radius in (("curve", palette.SPEED, -1.2), ("limits", palette.DULL, -0.6)):
+    for leaf, color, radius in (
+        ("curve", palette.SPEED, -LIMIT_WIDTH),
+        ("limits", palette.DULL, -LIMIT_WIDTH / 2),
+    ):
         look = rr.LineStrips2D.from_fields(radii=[radius], colors=[color])
         writer.static(f"{path}/{leaf}", look)
     invisible = rr.Points2D.from_fields(radii=[-0.0], colors=[palette.DULL], show_labels=True)

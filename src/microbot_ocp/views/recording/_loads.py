@@ -16,7 +16,7 @@ from microbot_ocp.motion import State
 from microbot_ocp.robot import JointLimits, Robot, forward_kinematics, jacobian
 from microbot_ocp.views import _palette as palette
 from microbot_ocp.views._scene import reach
-from microbot_ocp.views._style import TORQUE_RING, Color
+from microbot_ocp.views._style import LINE_RADIUS, TORQUE_RING, Color
 from microbot_ocp.views.recording._animated_arm import AnimatedArm
 from microbot_ocp.views.recording._limits import signed_share
 from microbot_ocp.views.recording._writer import Writer, plot_path
@@ -48,7 +48,9 @@ def draw_torques(writer: Writer, robot: Robot, limits: JointLimits, arm: Animate
                 radii=radii,
                 colors=colors,
             )
-        thin = rr.LineStrips3D(limit, radii=[0.06 * size], colors=[palette.NEUTRAL])
+        thin = rr.LineStrips3D(
+            limit, radii=[LINE_RADIUS * reach(robot) / 4], colors=[palette.NEUTRAL]
+        )
         writer.static(f"{path}/limit", thin)
         writer.columns(path, arm.times, columns)
 
