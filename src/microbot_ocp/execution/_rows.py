@@ -396,7 +396,7 @@ def _seconds(point: Any, row: int) -> float:
         whole = stamp.get("sec", stamp.get("secs"))
         rest = stamp.get("nanosec", stamp.get("nsecs", 0))
         if isinstance(whole, int) and isinstance(rest, int):
-            return whole + rest / 1e9
+            return whole + 1e-9 * rest
     elif isinstance(stamp, int | float):
         return float(stamp)
     raise InputError(f"time_from_start of point {row + 1} must be a time, not {shown(stamp)}")

@@ -195,7 +195,7 @@ def near_limits(
     bounds = drawn_bounds(robot, limits, quantity, joint)
     lower, upper = (bound if is_near(bound, low, high) else None for bound in bounds)
     drawn = [low, high, *(bound for bound in (lower, upper) if bound is not None)]
-    margin = AXIS_MARGIN * (max(drawn) - min(drawn))
+    margin = AXIS_MARGIN * max(max(drawn) - min(drawn), 1e-6)
     far = [np.nan if bound in drawn else bound for bound in bounds]
     unit = display_unit(robot, quantity, joint)
     if np.isfinite(far).all():

@@ -49,7 +49,7 @@ class Look:
     @property
     def line_color(self) -> Color:
         """Colour of lines and texts: a quarter lighter than on paper, for dark screens."""
-        red, green, blue = (round((3 * part + 255) / 4) for part in rgb(self.style.color))
+        red, green, blue = (round(0.75 * part + 0.25 * 255) for part in rgb(self.style.color))
         return red, green, blue, 255
 
 
@@ -145,7 +145,7 @@ class AnimatedArm:
                 shown = values[:, joint] * display_factor(robot, quantity, joint)
                 self.draw_curve(writer, plot_path(quantity, name), shown)
         if self.moves:
-            t, percent = self.times[TIME], self.times[PROGRESS] / 10
+            t, percent = self.times[TIME], 0.1 * self.times[PROGRESS]
             self.draw_curve(writer, plot_path("progress"), percent, [TIME])
             self.draw_curve(writer, plot_path("elapsed"), t, [PROGRESS])
 
