@@ -283,6 +283,20 @@ def test_a_solve_ends_at_the_wanted_gap_or_where_the_next_one_begins(microbot):
     assert rough.attempts[0].iterations < exact.attempts[0].iterations
 
 
+def test_a_program_through_40_via_points_is_solved():
+    """Of seven joints and short phases: its durations would make a band as wide as the program."""
+    robot = mo.load_robot("panda")
+    low, high = robot.limits.q_min, robot.limits.q_max
+    rng, middle = np.random.default_rng(0), 0.5 * (low + high)
+    via = middle + 0.3 * rng.uniform(-1.0, 1.0, (40, 7)) * (high - middle)
+    robot = robot.with_links([replace(link, coulomb_friction=0.0) for link in robot.links])
+    rough = SolverSettings("ipopt", tolerance=1e-5, gap=np.inf)
+    guess = guess_of(robot, via)
+    solution = solve_on(flat_of(robot, via), 6, guess, rough, once=True)
+    assert solution.status.solved
+    assert solution.duration < sum(guess[name].duration for name in phase_names(39))
+
+
 def test_the_payload_is_a_number_of_the_program(microbot):
     form, guess = flat_of(microbot, VIA_Q, payload=True), guess_of(microbot, VIA_Q)
     numbers = {name: {"payload": 1.0} for name in phase_names(2)}
