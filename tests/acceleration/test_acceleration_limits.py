@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from scipy.optimize import minimize
 import microbot_ocp as mo
 from helpers import refused, sampled_rows, tells
 from microbot_ocp.acceleration._forms import torque_terms
+from microbot_ocp.acceleration._region import position_region
 from microbot_ocp.cli import main
 
 RNG = np.random.default_rng(3)
@@ -289,6 +291,63 @@ def test_smaller_regions_allow_more() -> None:
     assert tool.broken[0] > everywhere.broken[0]
     place = np.array(mo.forward_kinematics(robot)(tool.state.q))[:3, 3]
     assert (np.abs(place - [0.2, 0.1, 0.0]) <= [0.15, 0.15, 0.05]).all()
+
+
+def post_and_forearm(radius: float = 0.05) -> mo.Robot:
+    """A planar arm that has to fold to keep its forearm off a post of its base at x = -0.5 m."""
+    capsules = {
+        0: [mo.Capsule([-0.5, -3.0, 0.0], [-0.5, 3.0, 0.0], radius, "post")],
+        2: [mo.Capsule([0.0, 0.0, 0.0], [0.5, 0.0, 0.0], radius, "forearm")],
+    }
+    return mo.load_robot("planar_2r").with_capsules(capsules)
+
+
+def off_the_post(q: Any, apart: float = 0.1) -> Any:
+    """True where both ends of the forearm of half a metre are far enough from x = -0.5 m."""
+    elbow = 0.5 * np.cos(q[:, 0])
+    return np.minimum(elbow, elbow + 0.5 * np.cos(q.sum(axis=1))) > apart - 0.5
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3])
+def test_poses_in_which_the_arm_touches_itself_are_left_out(share: float) -> None:
+    arm, low, high = post_and_forearm(), [-2.9, -2.5], [-1.5, 2.5]
+    limits = {"speed": share, "region": (low, high), "equal": True, "gap": 0.02}
+    found = mo.acceleration_limits(arm, **limits)
+    everywhere = mo.acceleration_limits(arm.with_capsules({}), **limits)
+    q = np.array([*product(*map(np.linspace, low, high, [201, 201]))])
+    free = off_the_post(q)
+    matrices = np.array(mo.mass_matrix(arm).map(len(q))(q.T)).reshape(2, len(q), 2)
+    needed, scales = np.abs(matrices).sum(axis=0), np.full(len(q), np.inf)
+    for signs in product([-1.0, 0.0, 1.0], repeat=2):
+        speeds = np.tile(share * np.multiply(signs, arm.limits.qd_max), (len(q), 1))
+        tau = arm.torques_along(q, speeds, 0 * q)["tau"]
+        scales = np.minimum(scales, ((arm.limits.tau_max - np.abs(tau)) / needed).min(axis=1))
+    assert found.solved
+    assert found.qdd_max[0] < scales[free].min()
+    assert found.broken[0] == pytest.approx(scales[free].min(), rel=0.02)
+    assert off_the_post(found.state.q[None]).all()
+    assert everywhere.broken[0] < found.qdd_max[0]  # those poses would have decided
+
+
+def test_no_box_of_positions_with_a_free_pose_is_dropped() -> None:
+    arm = post_and_forearm()
+    region = position_region(arm, None)
+    middle, half = RNG.uniform(-2.9, 2.9, (4000, 2)), RNG.uniform(0.0, 0.3, (4000, 2))
+    low, high = middle - half, middle + half
+    dropped = ~region.across(low, high)[0]
+    poses = RNG.uniform(low[dropped], high[dropped], (50, dropped.sum(), 2))
+    assert 100 < dropped.sum() < 3000
+    assert not off_the_post(poses.reshape(-1, 2)).any()
+
+
+def test_which_capsules_leave_poses_out() -> None:
+    arm = post_and_forearm()
+    assert "self-collision" in position_region(arm, None).words
+    fitted = {f: [replace(c, excess=0.01)] for f, c in arm.capsules}  # the links may be apart
+    for robot in (mo.load_robot("ur5e"), arm.with_capsules(fitted)):
+        assert not position_region(robot, None).pairs
+    with refused("region", "without self-collision", "100,000"):
+        mo.acceleration_limits(arm, region=([-2.9, -0.1], [-2.8, 0.1]))
 
 
 @pytest.mark.thorough

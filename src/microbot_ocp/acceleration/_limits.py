@@ -225,7 +225,8 @@ def acceleration_limits(
     Branch and bound over positions and speeds proves the box. It uses bounds of the curvature of
     mass matrix, Coriolis coefficients and gravity, with a margin above all rounding errors. The
     result also holds a larger box, ``broken``, and a state that breaks it: the best possible box
-    lies between both. Positions in which the arm touches itself belong to the region, too.
+    lies between both. If the robot has capsules, positions in which it touches itself are left out,
+    by the rules of :class:`Scene`; capsules fitted around other geometry leave out none.
 
     Parameters
     ----------
@@ -269,7 +270,8 @@ def acceleration_limits(
     ------
     InputError
         A robot without masses; a joint without a limit of torque, or of velocity or torque rate if
-        it is needed; a negative payload; a region outside of the joint limits.
+        it is needed; a negative payload; a region outside of the joint limits, or without free
+        positions.
 
     Examples
     --------

@@ -1,8 +1,13 @@
-"""Regions of joint positions: a box of joints, a box for the tool, or the poses of a path."""
+"""Regions of joint positions: a box of joints, a box for the tool, or the poses of a path.
+
+Poses in which an arm with capsules touches itself belong to no region. A box of positions holds
+only such poses if two capsules overlap in its middle by more than the joints can move them apart.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,11 +18,12 @@ from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
 from microbot_ocp.acceleration._demand import Boxes
 from microbot_ocp.acceleration._forms import Terms, tool_terms
 from microbot_ocp.motion import Motion
-from microbot_ocp.robot import Robot
-from microbot_ocp.scene import Box
+from microbot_ocp.robot import Capsule, Robot
+from microbot_ocp.scene import ACCURACY, Box, Pair, Scene, clearances, levers_of
 
 # Every pose of a path starts the search with one more box for each joint, side and payload.
 MOST_POSES = 5000
+ROUNDS, DRAWN = 50, 2000  # Random positions are drawn at most so often, and so many at a time.
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +32,7 @@ class PositionRegion:
 
     Attributes
     ----------
+    robot : Robot
     boxes : Boxes
         Lower and upper ends [K,n] of the joint positions, rad (m).
     tool : Terms, optional
@@ -36,35 +43,71 @@ class PositionRegion:
         Description of the region for messages.
     """
 
+    robot: Robot
     boxes: Boxes
     tool: Terms | None = None
     tool_half: ArrayLike = np.inf
     words: str = "joint limits"
 
+    @cached_property
+    def pairs(self) -> tuple[Pair, ...]:
+        """Capsules of the arm that may not touch, without those fitted around other geometry."""
+        apart = Scene().pairs(self.robot) if self.robot.capsules else ()
+        return tuple(
+            replace(pair, accuracy=0.0)
+            for pair in apart
+            if not pair.capsule.excess and isinstance(pair.other, Capsule) and not pair.other.excess
+        )
+
+    @cached_property
+    def _levers(self) -> FloatArray:
+        return levers_of(self.robot, self.pairs, np.abs(self.boxes).max(axis=(0, 1)))
+
     def inside(self, q: FloatArray) -> np.ndarray:
-        """Return a mask [B] of the positions [B,n] that hold the tool's origin in its box."""
+        """Return a mask [B] of the positions [B,n] of the boxes that belong to the region."""
+        free = np.ones(len(q), dtype=bool)
+        if self.pairs:
+            free = np.all(clearances(self.robot, self.pairs, q) > ACCURACY, axis=1)
         if self.tool is None:
-            return np.ones(len(q), dtype=bool)
-        return np.all(np.abs(self.tool.at(q)[:, 0]) <= self.tool_half, axis=1)
+            return free
+        return free & np.all(np.abs(self.tool.at(q)[:, 0]) <= self.tool_half, axis=1)
+
+    def drawn(self, count: int, rng: np.random.Generator) -> FloatArray:
+        """Draw positions [count,n] at random, or fewer if most of the boxes is outside."""
+        kept = np.empty((0, self.robot.joint_count))
+        for _ in range(ROUNDS):
+            row = rng.integers(len(self.boxes.low), size=DRAWN)
+            q = rng.uniform(self.boxes.low[row], self.boxes.high[row])
+            kept = np.vstack([kept, q[self.inside(q)]])
+            if len(kept) >= count:
+                break
+        return kept[:count]
 
     def across(self, low: FloatArray, high: FloatArray) -> tuple[np.ndarray, FloatArray]:
         """Return a mask [B] of boxes that may hold positions of the region, and weights [B,n].
 
         A weight is the distance that a joint moves the tool within the box of positions, in half
-        widths of the tool's box, along axes on which the tool may cross the border.
+        widths of the tool's box, along axes on which the tool may cross the border; and the
+        distance that it moves capsules that overlap in the middle, in sums of their radii.
         """
+        middle, half = (low + high) / 2, (high - low) / 2
+        keep, weights = np.ones(len(low), dtype=bool), np.zeros_like(low)
+        if self.pairs:
+            apart = clearances(self.robot, self.pairs, middle)
+            keep = np.all(apart + half @ self._levers.T + ACCURACY >= 0.0, axis=1)
+            sizes = [max(pair.radii, ACCURACY) for pair in self.pairs]
+            weights = (apart < 0.0) / sizes @ self._levers * half
         if self.tool is None:
-            return np.ones(len(low), dtype=bool), np.zeros_like(low)
-        half, most = (high - low) / 2, np.asarray(self.tool_half)
-        terms = self.tool.at((low + high) / 2)
+            return keep, weights
+        most = np.asarray(self.tool_half)
+        terms = self.tool.at(middle)
         moved = half[:, :, None] * np.abs(terms[:, 1:])
         # Coordinates of the tool in a box of positions lie within ``away - swing`` and
         # ``away + swing``.
         swing, away = moved.sum(axis=1) + self.tool.tangent_error(half), np.abs(terms[:, 0])
         straddles = away + swing > most
-        return np.all(away - swing <= most + ROUNDING, axis=1), (
-            moved * (straddles / most)[:, None]
-        ).sum(axis=2)
+        keep &= np.all(away - swing <= most + ROUNDING, axis=1)
+        return keep, weights + (moved * (straddles / most)[:, None]).sum(axis=2)
 
 
 def position_region(robot: Robot, region: Any) -> PositionRegion:
@@ -74,8 +117,21 @@ def position_region(robot: Robot, region: Any) -> PositionRegion:
     ------
     InputError
         Positions outside of the joint limits, a lower end above its upper one, a joint without
-        limits, a path of too many poses, or a tool box that no position reaches.
+        limits, a path of too many poses, a tool box that no position reaches, or a region in which
+        the arm touches itself everywhere.
     """
+    found = _boxes_of(robot, region)
+    if found.pairs:
+        found = replace(found, words=f"{found.words}, without self-collision")
+    if not len(found.drawn(1, np.random.default_rng(0))):
+        raise InputError(
+            f"region ({found.words}) must hold positions of the arm: none of "
+            f"{ROUNDS * DRAWN:,} random ones belongs to it"
+        )
+    return found
+
+
+def _boxes_of(robot: Robot, region: Any) -> PositionRegion:
     low, high = (bound.copy() for bound in robot.limits.bounds("q"))
     if isinstance(region, Motion):
         checks.joints("region", region.joint_count, robot)
@@ -107,16 +163,10 @@ def position_region(robot: Robot, region: Any) -> PositionRegion:
         )
     boxes = Boxes(low[None], high[None])
     if not isinstance(region, Box):
-        return PositionRegion(boxes, words=words)
+        return PositionRegion(robot, boxes, words=words)
     tool = tool_terms(robot, region.pose, low, high)
-    found = PositionRegion(boxes, tool, region.size / 2, "a box of tool positions")
-    q = np.random.default_rng(0).uniform(low, high, (100_000, robot.joint_count))
-    if not found.inside(q).any():
-        raise InputError(
-            "region must hold positions of the tool: none of 100,000 poses has its origin in the "
-            f"box of {region.size.tolist()} m about {region.pose[:3, 3].tolist()} m"
-        )
-    return found
+    words = f"tool in a box of {region.size.tolist()} m about {region.pose[:3, 3].tolist()} m"
+    return PositionRegion(robot, boxes, tool, region.size / 2, words)
 
 
 def _along(robot: Robot, poses: FloatArray, words: str) -> PositionRegion:
@@ -130,4 +180,5 @@ def _along(robot: Robot, poses: FloatArray, words: str) -> PositionRegion:
             f"[{low[k]:g}, {high[k]:g}] {robot.unit('q', int(k))}, not {poses[row, k]:g}"
         )
     before, after = (poses[:-1], poses[1:]) if len(poses) > 1 else (poses, poses)
-    return PositionRegion(Boxes(np.minimum(before, after), np.maximum(before, after)), words=words)
+    boxes = Boxes(np.minimum(before, after), np.maximum(before, after))
+    return PositionRegion(robot, boxes, words=words)

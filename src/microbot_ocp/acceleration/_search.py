@@ -72,21 +72,8 @@ def sampled_states(
     demands: Sequence[Demand], region: PositionRegion, rng: np.random.Generator
 ) -> KnownStates:
     """Sample random positions of a region, and return the worst states there for all demands."""
-    q = _random_places(region, SAMPLES, rng)
+    q = region.drawn(SAMPLES, rng)
     return KnownStates(tuple(demands), tuple(demand.states_at(q) for demand in demands))
-
-
-def _random_places(region: PositionRegion, count: int, rng: np.random.Generator) -> FloatArray:
-    low, high = region.boxes
-    joints = low.shape[1]
-    kept = np.empty((0, joints))
-    for _ in range(50):
-        row = rng.integers(len(low), size=count)
-        q = rng.uniform(low[row], high[row])
-        kept = np.vstack([kept, q[region.inside(q)]])[:count]
-        if len(kept) == count:
-            break
-    return kept
 
 
 def with_local_search(
@@ -114,7 +101,7 @@ def with_local_search(
 
 
 def _moved_inside(q: FloatArray, region: PositionRegion) -> FloatArray:
-    """Move positions [B,n] into the nearest box of a region; drop those with the tool outside."""
+    """Move positions [B,n] into the nearest box of a region; drop those still outside of it."""
     if len(region.boxes.low) == 1:
         q = np.clip(q, region.boxes.low, region.boxes.high)
     else:
@@ -158,12 +145,14 @@ def prove(
     # lowest bound of the boxes that are good enough and no longer stored.
     broken = known.worst(box).scale
     fronts = []
+    keep, across = region.across(*region.boxes)
+    positions = region.boxes.taken(keep)
     for demand in known.demands:
-        low, high = (np.tile(end, (len(region.boxes.low), 1)) for end in demand.all_shares)
-        boxes = Boxes(np.hstack([region.boxes.low, low]), np.hstack([region.boxes.high, high]))
+        low, high = (np.tile(end, (len(positions.low), 1)) for end in demand.all_shares)
+        boxes = Boxes(np.hstack([positions.low, low]), np.hstack([positions.high, high]))
         bounds = demand.bounds(boxes, box, broken)
         weights = bounds.weights / demand.limit
-        weights[:, : box.size] += region.across(*region.boxes)[1]
+        weights[:, : box.size] += across[keep]
         fronts.append((bounds.scale, boxes, weights))
     count, settled = sum(len(front[0]) for front in fronts), np.inf
     while True:
@@ -181,12 +170,15 @@ def prove(
         bounds = demand.bounds(halves, box, broken)
         # A bound of the whole box holds for both halves.
         scales = np.maximum(bounds.scale, after)
-        at = np.where(region.inside(bounds.states.q), bounds.states.scale(box), np.inf)
-        if at.size and at.min() < broken:
-            known = known.with_states(index, bounds.states.taken(np.array([int(at.argmin())])))
-            broken = float(at.min())
+        at = bounds.states.scale(box)
+        rows = np.flatnonzero(at < broken)
+        rows = rows[region.inside(bounds.states.q[rows])] if rows.size else rows
+        if rows.size:
+            row = rows[[at[rows].argmin()]]
+            known, broken = known.with_states(index, bounds.states.taken(row)), float(at[row[0]])
         weights = bounds.weights / demand.limit
-        weights[:, : box.size] += across[keep]
+        # If a state outside of the region breaks, the border decides which half it is in.
+        weights[:, : box.size] += across[keep] * (at < broken)[:, None]
         left = scales < (1.0 - gap) * broken
         settled = min(settled, scales[~left].min(initial=np.inf))
         parts = (scales[left], halves.taken(left), weights[left])

@@ -4,6 +4,7 @@ from ._clearance import (
     Clearance as Clearance,
     clearance as clearance,
     clearance_along as clearance_along,
+    levers_of as levers_of,
 )
 from ._contact import (
     Nearest as Nearest,
