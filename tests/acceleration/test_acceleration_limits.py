@@ -17,6 +17,8 @@ from scipy.optimize import minimize
 
 import microbot_ocp as mo
 from helpers import refused, sampled_rows, tells
+from microbot_ocp.acceleration._coupled import CoupledDemand
+from microbot_ocp.acceleration._demand import Boxes, Demand
 from microbot_ocp.acceleration._forms import torque_terms
 from microbot_ocp.acceleration._region import position_region
 from microbot_ocp.cli import main
@@ -130,6 +132,33 @@ def test_no_term_is_farther_from_its_tangent_parabola_or_value_than_bounded(
                 alone = terms.at(center + shift * (np.arange(n) == k))[:, 0] - here[:, 0]
                 by_slope = np.abs(shift[:, k, None]) * terms.steep[:, k]
                 assert (np.abs(alone) <= np.minimum(by_slope, terms.span[:, k]) + 1e-12).all()
+
+
+@pytest.mark.parametrize("name", ["panda", "planar_3r"])
+@pytest.mark.parametrize("coupled", [None, 1.0])
+def test_no_state_within_a_box_has_a_smaller_scale_than_its_bound(
+    name: str, coupled: float | None
+) -> None:
+    robot, n = (arm := turned(name)), arm.joint_count
+    low, high = robot.limits.bounds("q")
+    terms = torque_terms(robot, tuple(low.tolist()), tuple(high.tolist()))
+    speed, box, load = 0.2 * robot.limits.qd_max, RNG.uniform(0.5, 2.0, n), 0.0
+    for joint, side in product(range(n), (1.0, -1.0)):
+        given = terms[joint], joint, side, robot.limits.tau_max[joint], speed, 0.1, 0.0, load
+        demand = Demand(*given) if coupled is None else CoupledDemand(*given, coupled)
+        ends = np.tile(demand.all_shares, (100, 1, 1))
+        half = RNG.uniform(0.0, [0.2] * (n - 1) + [2.8], (100, n))
+        middle = RNG.uniform(low, high, (100, n))
+        boxes = Boxes(
+            np.hstack([middle - half, ends[:, 0]]), np.hstack([middle + half, ends[:, 1]])
+        )
+        most = float(np.median(demand.states_at(middle).scale(box)))
+        bounds = demand.bounds(boxes, box, most)  # they hold up to this scale
+        for _ in range(20):
+            q = middle + half * RNG.uniform(-1.0, 1.0, half.shape)
+            scales = demand.states_at(q).scale(box)
+            assert (np.minimum(scales, most) >= np.minimum(bounds.scale, most)).all()
+        assert (bounds.scale > 0.0).any()
 
 
 def test_terms_add_up_to_the_torque_of_inverse_dynamics() -> None:
@@ -332,7 +361,7 @@ def test_poses_in_which_the_arm_touches_itself_are_left_out(share: float) -> Non
 def test_no_box_of_positions_with_a_free_pose_is_dropped() -> None:
     arm = post_and_forearm()
     region = position_region(arm, None)
-    middle, half = RNG.uniform(-2.9, 2.9, (4000, 2)), RNG.uniform(0.0, 0.3, (4000, 2))
+    middle, half = RNG.uniform(-2.9, 2.9, (4000, 2)), RNG.uniform(0.0, 0.1, (4000, 2))
     low, high = middle - half, middle + half
     dropped = ~region.across(low, high)[0]
     poses = RNG.uniform(low[dropped], high[dropped], (50, dropped.sum(), 2))

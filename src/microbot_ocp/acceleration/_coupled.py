@@ -33,12 +33,10 @@ class CoupledDemand(Demand):
         share = np.where(self.speed > 0, min(1.0, self.radius), 0.0)
         return -share, share
 
-    def _at_corners(self, boxes: Boxes) -> tuple[States, tuple[FloatArray, ...]]:
+    def _states(
+        self, boxes: Boxes, terms: FloatArray, at_corners: FloatArray | None = None
+    ) -> States:
         count = self.speed.size
-        middle = ((boxes.low + boxes.high) / 2)[:, :count]
-        terms = self.terms.at(middle)
-        terms[:, :, 0] *= self.side
-        terms[:, :, 1 + count :] *= self.side
         sizes, directions = np.linalg.eigh(self._forms(terms[:, 0, 1 + count :]))
         # The state has to be possible: no share exceeds 1, and the joint's own speed is positive.
         shares = self.radius * directions[:, :, -1] * (sizes[:, -1:] > 0.0)
@@ -49,11 +47,16 @@ class CoupledDemand(Demand):
         form = terms[:, 0, 1 + count :][:, self._square]
         torque += np.einsum("bj,bjk,bk->b", speeds, form, speeds)
         inertia = np.abs(terms[:, 0, 1 : 1 + count])
-        states = States(middle, shares, inertia, self.limit - torque)
+        return States(boxes.middle[:, :count], shares, inertia, self.limit - torque)
+
+    def _at_corners(self, boxes: Boxes, terms: FloatArray) -> FloatArray:
+        count = self.speed.size
+        sizes = np.linalg.eigvalsh(self._forms(terms[:, 0, 1 + count :]))
         # The bound adds the maxima of friction and of the form, reached at different speeds.
         most = self.viscous * self.speed[self.joint] * min(1.0, self.radius)
-        most = terms[:, 0, 0] + most + self.radius**2 * np.maximum(0.0, sizes[:, -1])
-        return states, (terms, most[:, None], terms[:, 1:, :1])
+        gravity = terms[:, :, :1].copy()
+        gravity[:, 0, 0] += most + self.radius**2 * np.maximum(0.0, sizes[:, -1])
+        return gravity
 
     def _coriolis_excess(
         self,

@@ -35,6 +35,16 @@ class Boxes(NamedTuple):
     low: FloatArray
     high: FloatArray
 
+    @property
+    def middle(self) -> FloatArray:
+        """Middle of each box."""
+        return (self.low + self.high) / 2
+
+    @property
+    def half(self) -> FloatArray:
+        """Half the width of each box."""
+        return (self.high - self.low) / 2
+
     def taken(self, rows: Rows) -> Boxes:
         """Return the boxes of these rows."""
         return Boxes(self.low[rows], self.high[rows])
@@ -166,8 +176,10 @@ class Demand:
         """Return the states [B] with the worst corner of the speeds at positions [B,n]."""
         low, high = (np.broadcast_to(end, q.shape) for end in self.all_shares)
         boxes = Boxes(np.hstack([q, low]), np.hstack([q, high]))
-        parts = [self._at_corners(boxes.taken(rows))[0] for rows in self._chunks(len(q))]
-        return States.joined(parts)
+        chunks = [boxes.taken(rows) for rows in self._chunks(len(q))]
+        return States.joined(
+            [self._states(chunk, self._terms_at(chunk)[:, :1]) for chunk in chunks]
+        )
 
     def bounds(self, boxes: Boxes, box: FloatArray, scale: float) -> ScaleBounds:
         """Return bounds of the scale of a box [n] of accelerations, sharpest near ``scale``."""
@@ -183,17 +195,35 @@ class Demand:
         size = max(16, CHUNK // (self.speed.size * len(self._corners)))
         return [slice(begin, begin + size) for begin in range(0, max(count, 1), size)]
 
-    def _at_corners(self, boxes: Boxes) -> tuple[States, tuple[FloatArray, ...]]:
-        """Return the worst states in the middle of boxes, and their torques without acceleration.
+    def _terms_at(self, boxes: Boxes) -> FloatArray:
+        """Return values [B,0,F] and slopes [B,1:,F] of the terms in the middle of boxes."""
+        return self._towards(self.terms.at(boxes.middle[:, : self.speed.size]))
 
-        The second result holds the terms [B,1 + n,F], the torques [B,V] at the corners of the
-        speeds, and the slopes [B,n,V] of these torques in the positions.
-        """
-        count = self.speed.size
-        middle, half = (boxes.low + boxes.high) / 2, (boxes.high - boxes.low) / 2
-        terms = self.terms.at(middle[:, :count])
+    def _towards(self, terms: FloatArray) -> FloatArray:
+        """Turn the signs of gravity and Coriolis terms towards this side."""
         terms[:, :, 0] *= self.side
-        terms[:, :, 1 + count :] *= self.side
+        terms[:, :, 1 + self.speed.size :] *= self.side
+        return terms
+
+    def _states(
+        self, boxes: Boxes, terms: FloatArray, at_corners: FloatArray | None = None
+    ) -> States:
+        """Return the worst states in the middle of boxes, from the terms and torques there."""
+        count, middle = self.speed.size, boxes.middle
+        at_corners = self._at_corners(boxes, terms[:, :1]) if at_corners is None else at_corners
+        torques = at_corners[:, 0]
+        worst = torques.argmax(axis=1)
+        shares = middle[:, count:] + boxes.half[:, count:] * self._corners[worst]
+        torque = torques[np.arange(len(worst)), worst] + self._coulomb_at(shares)
+        inertia = np.abs(terms[:, 0, 1 : 1 + count])
+        return States(middle[:, :count], shares, inertia, self.limit - torque)
+
+    def _at_corners(self, boxes: Boxes, terms: FloatArray) -> FloatArray:
+        """Return torques without acceleration [B,0,V] at the corners of the speeds.
+
+        Rows from the second on are slopes of the torque in the positions, as in the terms [B,R,F].
+        """
+        count, middle, half = self.speed.size, boxes.middle, boxes.half
         mean, spread = middle[:, count:] * self.speed, half[:, count:] * self.speed
         form = terms[:, :, 1 + count :][:, :, self._square]
         at_mean = np.matmul(form, mean[:, None, :, None])[..., 0]
@@ -201,7 +231,7 @@ class Demand:
         # At a corner the speeds are m + d s, with middle m, half width d and signs s = +-1:
         # qd' C qd = m' C m + sum_j C_jj d_j^2 + 2 m' C (d s) + 2 sum_j<k C_jk d_j d_k s_j s_k.
         # One matrix product with the monomials of s evaluates it at all corners.
-        numbers = np.empty((len(terms), 1 + count, len(self._monomials)))
+        numbers = np.empty((*terms.shape[:2], len(self._monomials)))
         bent = np.einsum("bkjj,bj->bk", form, spread**2)
         numbers[:, :, 0] = terms[:, :, 0] + np.einsum("bkj,bj->bk", at_mean, mean) + bent
         numbers[:, :, 1 : 1 + count] = 2.0 * at_mean * spread[:, None]
@@ -210,13 +240,7 @@ class Demand:
         numbers[:, 0, 0] += self.viscous * mean[:, self.joint]
         numbers[:, 0, 1 + self.joint] += self.viscous * spread[:, self.joint]
         values = numbers.reshape(-1, len(self._monomials)) @ self._monomials
-        values = values.reshape(len(terms), 1 + count, len(self._corners))
-        worst = values[:, 0].argmax(axis=1)
-        shares = middle[:, count:] + half[:, count:] * self._corners[worst]
-        torque = values[np.arange(len(values)), 0, worst] + self._coulomb_at(shares)
-        inertia = np.abs(terms[:, 0, 1 : 1 + count])
-        states = States(middle[:, :count], shares, inertia, self.limit - torque)
-        return states, (terms, values[:, 0], values[:, 1:])
+        return values.reshape(*terms.shape[:2], len(self._corners))
 
     def _coulomb_at(self, shares: FloatArray) -> FloatArray:
         speed = shares[:, self.joint] * self.speed[self.joint]
@@ -224,13 +248,24 @@ class Demand:
 
     def _bounds(self, boxes: Boxes, box: FloatArray, scale: float) -> ScaleBounds:
         count = self.speed.size
-        states, (terms, values, slopes) = self._at_corners(boxes)
-        half = (boxes.high[:, :count] - boxes.low[:, :count]) / 2
+        terms, half = self._terms_at(boxes), boxes.half[:, :count]
         largest = np.maximum(np.abs(boxes.low), np.abs(boxes.high))[:, count:] * self.speed
         accelerations = np.broadcast_to(scale * box, half.shape)
         sizes = np.hstack([np.ones((len(half), 1)), accelerations, self._pairs(largest)])
         curvature = np.tensordot(sizes, self.terms.curvature, axes=1)
         wide = self._wide(half, terms, sizes, curvature)
+        # Within 1 rad a wave changes by less than the amplitude by which it differs from its mean.
+        rolls = np.flatnonzero(wide[:, -1].any(axis=1) & (half[:, -1] > 1.0))
+        if rolls.size and self.terms.rolling is not None:
+            states = self._states(boxes, terms)
+            terms[rolls], wide[rolls, -1] = self._rolled(
+                boxes.taken(rolls), self._towards(terms[rolls]), wide[rolls]
+            )
+            at_corners = self._at_corners(boxes, terms)
+        else:
+            at_corners = self._at_corners(boxes, terms)
+            states = self._states(boxes, terms, at_corners)
+        values, slopes = at_corners[:, 0], at_corners[:, 1:]
         half, moved = np.where(wide.any(axis=2), 0.0, half), wide.sum(axis=1)
         rest = self.terms.tangent_error(half) + moved
         swing = np.einsum("bk,bkf->bf", half, np.abs(terms[:, 1:])) + rest
@@ -284,6 +319,21 @@ class Demand:
         by_tangent += 0.5 * np.einsum("bkl,bl->bk", curvature, half)
         wide = np.einsum("bf,bkf->bk", sizes, change) < half * by_tangent
         return change * wide[:, :, None]
+
+    def _rolled(
+        self, boxes: Boxes, here: FloatArray, wide: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return mean terms [B,1 + n,F] over a turn of the last joint, and changes [B,F] by it.
+
+        The waves in that joint are known in the middle of the box. Within the box they change by
+        slopes and curvature, and are at most the sum of all amplitudes. Their curvature counts
+        once more because second derivatives are not means.
+        """
+        half = np.where(wide.any(axis=2), 0.0, boxes.half[:, : self.speed.size])
+        mean, waves = self.terms.over_a_turn(boxes.middle[:, : self.speed.size], here)
+        bent = self.terms.tangent_error(half, rolling=True)
+        change = waves[:, 0] + np.einsum("bk,bkf->bf", half, waves[:, 1:]) + bent
+        return self._towards(mean), np.minimum(change, self.terms.span[:, -1] / 2) + bent
 
     def _coriolis_excess(
         self,

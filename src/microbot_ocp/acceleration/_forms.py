@@ -32,6 +32,9 @@ from microbot_ocp.robot import Robot, forward_kinematics, gravity_torque, mass_m
 # but the first.
 MOST_WAVES = 100_000
 # Coefficients of 1, x, x^2 are _POWERS @ (values at x = -1, 0, 1).
+# Angles at which a full turn of the last joint is sampled.
+TURN = 2 * np.pi * np.arange(5) / 5
+_WAVES = np.array([0.0 * TURN + 1.0, *(f(k * TURN) for f in (np.cos, np.sin) for k in (1, 2))]) / 5
 _POWERS = np.array([[0.0, 1.0, 0.0], [-0.5, 0.0, 0.5], [0.5, -1.0, 0.5]])
 # Coefficients of the derivative are _SLOPE @ (coefficients of 1, x, x^2).
 _SLOPE = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 2.0], [0.0, 0.0, 0.0]])
@@ -55,6 +58,9 @@ class Terms:
         Second derivatives [B,n n] of the weighted sum of the first S terms; None if S is 0.
     fourth : array [S,P,P]
         Bounds of the fourth derivatives of the first S terms, by pairs of joints.
+    rolling : array [F,n,n]
+        Part of ``curvature`` that changes with the position of the last joint; None if that joint
+        slides or moves others.
     """
 
     call: Callable[[FloatArray], Any]
@@ -64,22 +70,39 @@ class Terms:
     span: FloatArray
     second: Callable[[FloatArray, FloatArray], Any] | None = None
     fourth: FloatArray | None = None
+    rolling: FloatArray | None = None
 
     def at(self, q: FloatArray) -> FloatArray:
         """Return values [B,0,F] and slopes [B,1:,F] of the terms at positions [B,n]."""
         count = len(self.curvature)
         return np.asarray(self.call(q)).reshape(len(q), 1 + q.shape[1], count)
 
-    def tangent_error(self, half: FloatArray) -> FloatArray:
-        """Return bounds [B,F] of the distance from the tangents in boxes of half width [B,n]."""
-        count = half.shape[1]
-        squares = (half[:, :, None] * half[:, None, :]).reshape(-1, count * count)
-        return 0.5 * squares @ self.curvature.reshape(-1, count * count).T
+    def tangent_error(self, half: FloatArray, rolling: bool = False) -> FloatArray:
+        """Return bounds [B,F] of the distance from the tangents in boxes of half width [B,n].
+
+        With ``rolling`` the distance is that of the part that changes with the last joint.
+        """
+        curvature = self.rolling if rolling and self.rolling is not None else self.curvature
+        squares = (half[:, :, None] * half[:, None, :]).reshape(-1, half.shape[1] ** 2)
+        return 0.5 * squares @ curvature.reshape(len(curvature), -1).T
 
     def bends(self, q: FloatArray, weights: FloatArray) -> FloatArray:
         """Return second derivatives [B,n,n] of the first S terms, summed with weights [B,S]."""
         assert self.second is not None
         return np.asarray(self.second(q, weights)).reshape(len(q), q.shape[1], q.shape[1])
+
+    def over_a_turn(self, q: FloatArray, here: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return means and amplitudes [B,1 + n,F] of values and slopes over the last joint's turn.
+
+        ``here`` are the values and slopes at positions [B,n]. Frequencies are 2 at most, so five
+        samples determine the waves in that joint exactly.
+        """
+        turns = np.repeat(q, 4, axis=0)
+        turns[:, -1] += np.tile(TURN[1:], len(q))
+        samples = np.hstack([here.reshape(len(q), 1, -1), self.at(turns).reshape(len(q), 4, -1)])
+        waves = _WAVES @ samples
+        amplitudes = 2.0 * np.sqrt(waves[:, 1:3] ** 2 + waves[:, 3:] ** 2).sum(axis=1)
+        return waves[:, 0].reshape(here.shape), amplitudes.reshape(here.shape)
 
     def parabola_error(self, half: FloatArray) -> FloatArray:
         """Return bounds [B,S] of the first S terms' distance from their second Taylor polynomial.
@@ -131,13 +154,23 @@ def torque_terms(robot: Robot, low: tuple[float, ...], high: tuple[float, ...]) 
             amplitudes.append(np.sum([0.5 * waves.slope(*change) for change in changes], axis=0))
             terms.append(0.5 * (rates[j][i, k] + rates[k][i, j] - rates[k][j, i]))
         bounds = _columns([waves.bounds(numbers) for numbers in amplitudes])
+        rolling = None
+        if robot.coupling is None and robot.joint_types[-1] == "revolute":
+            rolling = np.array([waves.bounds(_rolling(numbers))[0] for numbers in amplitudes])
         fourth = np.array([waves.fourth(numbers) for numbers in amplitudes[: 1 + count]])
         weights = ca.SX.sym("weights", 1 + count)
         hessian, _ = ca.hessian(ca.dot(weights, ca.vertcat(*terms[: 1 + count])), q)
         bends = ca.Function("bends", [q, weights], [ca.densify(ca.vec(hessian))])
         call = _with_slopes(terms, q)
-        result.append(Terms(call, *bounds, table_call(bends), fourth))
+        result.append(Terms(call, *bounds, table_call(bends), fourth, rolling))
     return result
+
+
+def _rolling(numbers: np.ndarray) -> np.ndarray:
+    """Return the waves that change with the position of the last joint."""
+    changing = numbers.copy()
+    changing[..., 0] = 0.0
+    return changing
 
 
 def tool_terms(robot: Robot, frame: FloatArray, low: FloatArray, high: FloatArray) -> Terms:
