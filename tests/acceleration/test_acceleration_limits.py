@@ -363,7 +363,7 @@ def test_no_box_of_positions_with_a_free_pose_is_dropped() -> None:
     region = position_region(arm, None)
     middle, half = RNG.uniform(-2.9, 2.9, (4000, 2)), RNG.uniform(0.0, 0.1, (4000, 2))
     low, high = middle - half, middle + half
-    dropped = ~region.across(low, high)[0]
+    dropped = ~region.across(Boxes(low, high))[0]
     poses = RNG.uniform(low[dropped], high[dropped], (50, dropped.sum(), 2))
     assert 100 < dropped.sum() < 3000
     assert not off_the_post(poses.reshape(-1, 2)).any()

@@ -93,9 +93,8 @@ class RateDemand(Demand):
 
     def _bounds(self, boxes: Boxes, box: FloatArray, scale: float) -> ScaleBounds:
         count = self.speed.size
-        middle, half = (boxes.low + boxes.high) / 2, (boxes.high - boxes.low) / 2
-        half = half[:, :count]
-        states, terms, largest = self._at(middle[:, :count])
+        half = boxes.half[:, :count]
+        states, terms, largest = self._at(boxes.middle[:, :count])
         swing = half[:, :, None] * np.abs(terms[:, 1:])
         rest = self.terms.tangent_error(half)
         # Factors of C_ijk in 2 sum_jk C_ijk qd_j qdd_k: 2 (qd_j qdd_k + qd_k qdd_j) for j < k, and

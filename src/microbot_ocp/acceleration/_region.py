@@ -83,15 +83,15 @@ class PositionRegion:
                 break
         return kept[:count]
 
-    def across(self, low: FloatArray, high: FloatArray) -> tuple[np.ndarray, FloatArray]:
+    def across(self, boxes: Boxes) -> tuple[np.ndarray, FloatArray]:
         """Return a mask [B] of boxes that may hold positions of the region, and weights [B,n].
 
         A weight is the distance that a joint moves the tool within the box of positions, in half
         widths of the tool's box, along axes on which the tool may cross the border; and the
         distance that it moves capsules that overlap in the middle, in sums of their radii.
         """
-        middle, half = (low + high) / 2, (high - low) / 2
-        keep, weights = np.ones(len(low), dtype=bool), np.zeros_like(low)
+        middle, half = boxes.middle, boxes.half
+        keep, weights = np.ones(len(half), dtype=bool), np.zeros_like(half)
         if self.pairs:
             apart = clearances(self.robot, self.pairs, middle)
             keep = np.all(apart + half @ self._levers.T + ACCURACY >= 0.0, axis=1)

@@ -22,6 +22,7 @@ SAMPLES = 2000  # Each demand (joint, side and payload) starts with this many ra
 # Local search keeps this many states and tries this many neighbours of each.
 BEST_STATES, NEIGHBOURS = 8, 24
 ROUNDS = 14  # Each round of local search narrows the neighbourhood to two thirds.
+CUTS, FOUND = 40, 1e-3  # Most rounds of cutting planes, and the violation that ends them.
 PLANES = 10  # Each step of the product problem adds this many planes for each joint.
 
 
@@ -145,7 +146,7 @@ def prove(
     # lowest bound of the boxes that are good enough and no longer stored.
     broken = known.worst(box).scale
     fronts = []
-    keep, across = region.across(*region.boxes)
+    keep, across = region.across(region.boxes)
     positions = region.boxes.taken(keep)
     for demand in known.demands:
         low, high = (np.tile(end, (len(positions.low), 1)) for end in demand.all_shares)
@@ -164,7 +165,7 @@ def prove(
             return BoxProof(min(scale, broken), known, count, done)
         halves, after, rest = _split(fronts[index])
         demand = known.demands[index]
-        keep, across = region.across(halves.low[:, : box.size], halves.high[:, : box.size])
+        keep, across = region.across(Boxes(*(end[:, : box.size] for end in halves)))
         halves, after = halves.taken(keep), after[keep]
         count += len(keep)
         bounds = demand.bounds(halves, box, broken)
@@ -222,21 +223,18 @@ def largest_box(
     region: PositionRegion,
     shape: Callable[[KnownStates], FloatArray],
     rng: np.random.Generator,
-    *,
-    rounds: int = 40,
-    accuracy: float = 1e-3,
 ) -> tuple[FloatArray, KnownStates]:
     """Find the largest box [n] of accelerations that no known state breaks, by cutting planes.
 
     A state is a linear constraint ``rows . a <= room`` of the box a. Each round computes the
     largest box under all constraints, and searches for states that violate it. The rounds end when
-    the search finds no violation above ``accuracy``.
+    the search finds no violation above ``FOUND``.
     """
     box = shape(known)
-    for _ in range(rounds):
+    for _ in range(CUTS):
         known = with_local_search(known, box, region, rng)
         worst = known.worst(box).scale
-        if worst > 1.0 - accuracy or worst <= 0.0:
+        if worst > 1.0 - FOUND or worst <= 0.0:
             break
         box = shape(known)
     return box, known
