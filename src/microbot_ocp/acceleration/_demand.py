@@ -11,6 +11,10 @@ error vanishes as boxes are split.
 
 Sign: the form is equal at qd and -qd, and friction grows with the speed of the joint itself. The
 largest torque therefore occurs at a speed of the joint that is not negative.
+
+Last joint: it often turns a nearly round link, and changes the torque little over a whole turn. In
+a box as wide as that the terms are replaced by their means over the turn, and the waves about the
+means are added to the remainder.
 """
 
 from __future__ import annotations
