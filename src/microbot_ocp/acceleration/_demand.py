@@ -30,6 +30,7 @@ from microbot_ocp.acceleration._forms import Terms, pairs
 from microbot_ocp.robot import COULOMB_SMOOTHING
 
 Rows = np.ndarray | slice
+LEAST_ROWS = 128  # The calls for fewer rows cost more than a cache that overflows.
 CHUNK = 60_000  # Arrays of this many numbers fit several at once into the second-level cache.
 
 
@@ -196,7 +197,7 @@ class Demand:
         )
 
     def _chunks(self, count: int) -> list[slice]:
-        size = max(16, CHUNK // (self.speed.size * len(self._corners)))
+        size = max(LEAST_ROWS, CHUNK // (self.speed.size * len(self._corners)))
         return [slice(begin, begin + size) for begin in range(0, max(count, 1), size)]
 
     def _terms_at(self, boxes: Boxes) -> FloatArray:
@@ -259,7 +260,10 @@ class Demand:
         curvature = np.tensordot(sizes, self.terms.curvature, axes=1)
         wide = self._wide(half, terms, sizes, curvature)
         # Within 1 rad a wave changes by less than the amplitude by which it differs from its mean.
-        rolls = np.flatnonzero(wide[:, -1].any(axis=1) & (half[:, -1] > 1.0))
+        # A hundredth of the torque for accelerations changes their bound by as little.
+        by_last = np.einsum("bf,bf->b", sizes, wide[:, -1])
+        needed = scale * np.abs(terms[:, 0, 1 : 1 + count]) @ box
+        rolls = np.flatnonzero((by_last > 0.01 * needed) & (half[:, -1] > 1.0))
         if rolls.size and self.terms.rolling is not None:
             states = self._states(boxes, terms)
             terms[rolls], wide[rolls, -1] = self._rolled(
