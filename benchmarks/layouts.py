@@ -34,7 +34,8 @@ def cell(
         mo.Stop(position=p, name=n, payload=payload, **held)
         for p, n in zip(places, "abc", strict=False)
     ]
-    settings = TimeOptimalSettings(starts=2)
+    # A search for a path past a ball that blocks it would take ten minutes.
+    settings = TimeOptimalSettings(starts=2, time_limit=15.0)
     return CellFile("task", robot, tuple(stops), robot.limits, settings=settings, **more)
 
 

@@ -1,5 +1,6 @@
 """Designs of cells against closed forms, exhaustive maps and differences, and their refusals."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,9 @@ from helpers import refused, sampled, tells
 from microbot_ocp._base.toml_text import toml_text
 from microbot_ocp.layout import DesignSettings
 from microbot_ocp.layout._quantities import cell_with, quantities_of
+from microbot_ocp.layout._search import LayoutSearch
 from microbot_ocp.layout._slopes import slopes
+from microbot_ocp.ocp.solution import quiet
 from microbot_ocp.planning import TimeOptimalSettings
 from microbot_ocp.robot import Mounting
 from microbot_ocp.tasks import CellFile, read_cell
@@ -147,6 +150,24 @@ def test_slopes_beside_an_obstacle_that_the_arm_passes_near():
         ends = [cell_with(cell, quantities, s * step).solve() for s in (1.0, -1.0)]
         difference = (ends[0].motion.duration - ends[1].motion.duration) / 3.2e-2
         assert by_multipliers[k] == pytest.approx(difference, rel=1e-2)
+
+
+@pytest.mark.thorough
+def test_a_placement_without_a_way_past_an_obstacle_takes_no_longer_than_ten_others():
+    pytest.importorskip("ompl")
+    robot, bounds = mo.load_robot("planar_2r"), dict.fromkeys(("base.x", "base.y"), (-0.1, 0.1))
+    scene = mo.Scene([mo.Sphere([0.72, 0.0, 0.0], 0.15, "ball")], 0.01)
+    cell = cell_of(robot, stops_at([0.6, 0.3, 0.0], [0.5, -0.3, 0.0]), scene=scene)
+    quantities = quantities_of(cell, [*bounds], bounds)
+    search = LayoutSearch(cell, quantities, DesignSettings(), quiet)
+    times = [time.thread_time()]
+    for place in (np.zeros(2), np.array([0.1, 0.05])):
+        search.solve(place)
+        times.append(time.thread_time())
+    free, blocked = np.diff(times)
+    assert np.isfinite(search.solved[0].period)
+    assert search.solved[1].refusal
+    assert blocked < 15.0 * free  # alone it would take until its time limit, minutes
 
 
 @pytest.mark.thorough

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from microbot_ocp._base import checks
+from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.quasi_random import quasi_random
 from microbot_ocp.layout._quantities import Quantity, cell_with
@@ -29,6 +29,9 @@ NODES_A_LINE = 13  # a map of one quantity has so many
 DECIMALS = 6  # digits of the values
 SAME = 1e-6  # relative difference of equal estimates
 MODEL_ITERATIONS = 200  # steps to the minimum of the quadratic model
+# Most work of a solve, in that of the longest successful one so far: without a way past an obstacle
+# the search for one would only end at the time limit of the cell
+PATIENCE = 10.0
 
 
 @dataclass(frozen=True)
@@ -131,6 +134,7 @@ class LayoutSearch:
     solved: list[Solved] = field(default_factory=list)
     held: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
     _looks: dict[bytes, tuple[Node, FloatArray]] = field(init=False, default_factory=dict)
+    _longest: float = field(init=False, default=0.0)
 
     @property
     def start(self) -> FloatArray:
@@ -286,7 +290,11 @@ class LayoutSearch:
         for solved in self.solved:
             if np.array_equal(solved.values, values):
                 return solved
-        solved = solved_with(self.cell, self.quantities, values)
+        before, most = deadline.worked(), PATIENCE * self._longest or np.inf
+        with deadline.of_work(most):
+            solved = solved_with(self.cell, self.quantities, values)
+        if solved.cell is not None:
+            self._longest = max(self._longest, deadline.worked() - before)
         self.solved.append(solved)
         outcome = solved.refusal or f"{solved.period:.6g} s"
         self.progress(f"solve {len(self.solved)}: {self.text(values)}: {outcome}")
