@@ -338,7 +338,6 @@ def changed_link(robot: Robot, **changes: Any) -> Robot:
     "change",
     [
         lambda r: r.with_gravity([0, 0, -9.81]),
-        lambda r: r.with_limits(Limits(tau_max=1.0)),
         lambda r: changed_link(r, mass=2.1),
         lambda r: changed_link(r, center_of_mass=[4.0, 0.0, 0.1]),
         lambda r: changed_link(r, inertia=np.eye(3)),
@@ -352,7 +351,6 @@ def changed_link(robot: Robot, **changes: Any) -> Robot:
     ],
     ids=[
         "gravity",
-        "limits",
         "mass",
         "center",
         "inertia",
@@ -370,6 +368,13 @@ def test_any_changed_figure_makes_another_robot(microbot: Robot, change: Any) ->
     assert other != microbot
     assert mo.forward_kinematics(other) is not mo.forward_kinematics(microbot)
     assert microbot == mo.load_robot("microbot")
+
+
+def test_robots_with_other_limits_share_their_functions(microbot: Robot) -> None:
+    other = microbot.with_limits(Limits(tau_max=1.0))
+    assert other != microbot
+    for make in (mo.forward_kinematics, mo.inverse_dynamics, mo.robot.torque_and_rate):
+        assert make(other) is make(microbot)
 
 
 def test_with_methods_check_what_they_are_given(microbot: Robot) -> None:

@@ -16,7 +16,7 @@ Theory: docs/theory/dynamics.md, equations (2) to (8).
 
 from __future__ import annotations
 
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, NoReturn
 
 import casadi as ca
@@ -294,7 +294,7 @@ def energy(robot: Robot, *, compiled: bool = False) -> ca.Function:
     return robot_function("energy", state, energies, compiled)
 
 
-@lru_cache(maxsize=64)
+@function_maker
 def torque_and_rate(robot: Robot) -> ca.Function:
     """Return the torque and its exact time derivative along a motion.
 
@@ -387,14 +387,14 @@ class MotionState:
         return tool_jerk(self.robot)(self.q, self.qd, self.qdd, self.qddd)
 
 
-@lru_cache(maxsize=64)
+@function_maker
 def tool_acceleration(robot: Robot) -> ca.Function:
     """Return the tool's acceleration: ``(q[n], qd[n], qdd[n]) -> a[6]``, linear and angular."""
     q, qd, _ = state = [*symbols(robot, "q", "qd", "qdd").values()]
     return _derivative("tool_acceleration", jacobian(robot)(q) @ qd, state)
 
 
-@lru_cache(maxsize=64)
+@function_maker
 def tool_jerk(robot: Robot) -> ca.Function:
     """Return the tool's jerk: ``(q[n], qd[n], qdd[n], qddd[n]) -> j[6]``, linear and angular."""
     *before, _ = state = [*symbols(robot, "q", "qd", "qdd", "qddd").values()]

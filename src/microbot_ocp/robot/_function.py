@@ -78,7 +78,7 @@ def robot_function(
 
 
 def function_maker(make: Maker) -> Maker:
-    """Return a cached version of a function that makes functions of a robot.
+    """Return a cached version of a function that makes functions of a robot without its limits.
 
     An InputError explains the call if the arguments are those of the made function.
     """
@@ -87,8 +87,8 @@ def function_maker(make: Maker) -> Maker:
     def maker(robot: Any, *arguments: Any, **settings: Any) -> Any:
         if any(_is_value(value) for value in arguments):
             name = make.__name__
-            inputs = ", ".join(cached(robot).name_in())
+            inputs = ", ".join(cached(robot.without_limits).name_in())
             raise InputError(f"{name} makes a function: write {name}(robot)({inputs})")
-        return cached(robot, *arguments, **settings)
+        return cached(robot.without_limits, *arguments, **settings)
 
     return update_wrapper(maker, make)  # type: ignore[return-value]

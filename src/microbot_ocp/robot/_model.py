@@ -547,6 +547,11 @@ class Robot(HintingOfArms):
         return replace(self, gravity=checks.array("gravity", gravity, (3,), "m/s^2"))
 
     @cached_property
+    def without_limits(self) -> Robot:
+        """This robot without limits, which its kinematics and dynamics do not depend on."""
+        return replace(self, limits=Limits().for_joints(self.joint_count))
+
+    @cached_property
     def chain_digest(self) -> str:
         """Digest of joint types, rows, base and tool, 12 digits, without names, links, limits."""
         digest = hashlib.sha256(repr(self.joint_types).encode())
