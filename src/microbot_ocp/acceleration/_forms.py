@@ -31,10 +31,11 @@ from microbot_ocp.robot import Robot, forward_kinematics, gravity_torque, mass_m
 # The mass matrix of eight revolute joints has 5^7 = 78,125 waves: five frequencies for each joint
 # but the first.
 MOST_WAVES = 100_000
-# Coefficients of 1, x, x^2 are _POWERS @ (values at x = -1, 0, 1).
-# Angles at which a full turn of the last joint is sampled.
+# Angles at which a full turn of the last joint is sampled, and the rows that turn the samples into
+# their mean and their waves.
 TURN = 2 * np.pi * np.arange(5) / 5
 _WAVES = np.array([0.0 * TURN + 1.0, *(f(k * TURN) for f in (np.cos, np.sin) for k in (1, 2))]) / 5
+# Coefficients of 1, x, x^2 are _POWERS @ (values at x = -1, 0, 1).
 _POWERS = np.array([[0.0, 1.0, 0.0], [-0.5, 0.0, 0.5], [0.5, -1.0, 0.5]])
 # Coefficients of the derivative are _SLOPE @ (coefficients of 1, x, x^2).
 _SLOPE = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 2.0], [0.0, 0.0, 0.0]])
