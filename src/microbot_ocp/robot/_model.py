@@ -548,7 +548,7 @@ class Robot(HintingOfArms):
 
     @cached_property
     def without_limits(self) -> Robot:
-        """This robot without limits, which its kinematics and dynamics do not depend on."""
+        """Robot without limits; robots that differ in limits alone share its functions."""
         return replace(self, limits=Limits().for_joints(self.joint_count))
 
     @cached_property
