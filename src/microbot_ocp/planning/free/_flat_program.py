@@ -325,7 +325,7 @@ class FlatTranscription:
         return low[0], low[1]
 
     @cached_property
-    def _is_stiff(self) -> bool:
+    def is_stiff(self) -> bool:
         """True with limits of jerks or torque rates, or with dry friction.
 
         Stationarity is then reached slowly, and the next mesh changes the solution anyway.
@@ -341,7 +341,7 @@ class FlatTranscription:
         cannot be as exact: an acceleration is a coefficient divided by the square of an interval,
         and on short intervals rounding dominates it.
         """
-        rough = self._is_stiff and not np.isfinite(settings.gap)
+        rough = self.is_stiff and not np.isfinite(settings.gap)
         end = ROUGH_FACTOR * LEAST_WARM_BARRIER if rough else (BARRIER_FACTOR + 1.0) * last
         given: dict[str, Any] = {
             "linear_solver": "band",
@@ -351,7 +351,7 @@ class FlatTranscription:
         tolerance = max(settings.tolerance, ROUGH_DUAL if rough else DUAL)
         if first is not None:
             # IPOPT reduces its barrier parameter only at a stationary point: begin with the last.
-            given["mu_init"] = last if self._is_stiff and not rough else first
+            given["mu_init"] = last if self.is_stiff and not rough else first
             if rough:  # the first barrier problem is solved no more exactly than the program
                 given["barrier_tol_factor"] = max(BARRIER_FACTOR, tolerance / first)
         more = dict(settings.options.get("ipopt", {}))

@@ -383,8 +383,7 @@ class TimeOptimalSolver:
         level = Level.FULL if name == "prepared" else Level.COARSE
         solves = *again.history, *first_solves.history
         given = {"solves": solves, "way": problem.ways[0], "level": level}
-        is_stiff = problem.is_rated or refiner.fitted is not None
-        if level is Level.FULL and problem.is_flat and not is_stiff:
+        if level is Level.FULL and problem.is_flat and not problem.kernels().is_stiff:
             # On a mesh that nearly fits, one exact solve takes less than a rough and a further one.
             refiner = replace(refiner, rough=None)
         answer = MotionAnswer(name, best, replace(refiner, history=[]), smoothing, **given)

@@ -22,9 +22,9 @@ from microbot_ocp._base.needed import needed
 from microbot_ocp._base.reading import bytes_of
 from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot._shapes import Shape
-from microbot_ocp.robot._transforms import of_quaternion, transform_of, without_rounding
+from microbot_ocp.robot._transforms import PARALLEL, of_quaternion, transform_of, without_rounding
 from microbot_ocp.robot.files._urdf_file import Inertial, UrdfFile, UrdfJoint, UrdfLink
-from microbot_ocp.robot.files._urdf_reader import MOST_TURNED, PARALLEL, joint_motion, robot_of
+from microbot_ocp.robot.files._urdf_reader import MOST_TURNED, joint_motion, robot_of
 from microbot_ocp.robot.files._xml import Remarks
 
 KINDS = {"FREE": "floating", "BALL": "spherical", "SLIDE": "prismatic", "HINGE": "revolute"}

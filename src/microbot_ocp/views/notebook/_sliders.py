@@ -114,8 +114,8 @@ class LivePlot:
 
 def _range(values: Any, lower: float, upper: float) -> tuple[float, float]:
     """Return the range of an axis: the limits, or more than the values without a limit."""
-    size = BEYOND * max(float(np.abs(values).max()), 1e-3)
-    low, high = np.nan_to_num((lower, upper), neginf=-size, posinf=size)
+    low = lower if np.isfinite(lower) else BEYOND * min(float(values.min()), -1e-3)
+    high = upper if np.isfinite(upper) else BEYOND * max(float(values.max()), 1e-3)
     return (1 + AXIS_MARGIN) * low, (1 + AXIS_MARGIN) * high
 
 
