@@ -37,7 +37,6 @@ STUBBORN = 6  # usual number of meshes without halving the least excess
 GROSS = 1.0  # excess above which a solution satisfies its equations only within their tolerance
 POLISHED = 0.1  # fraction of the wanted gap below which no polishing is needed
 POLISHING_ITERATIONS = 60  # limit of the polishing solve
-FINISHING_ROUNDS = 2  # refinements after polishing
 # Least foresight after polishing: few excesses remain, and each new interval costs
 FORESIGHT = 0.5
 
@@ -146,9 +145,9 @@ class Refiner:
         near = solution.gap.total <= POLISHED * wanted * abs(solution.cost)
         if self._is_enough(solution) or polished or near:
             return solution
-        return self.polished(solution, min(self.rounds, FINISHING_ROUNDS))
+        return self.polished(solution)
 
-    def polished(self, solution: Solution, rounds: int) -> Solution:
+    def polished(self, solution: Solution) -> Solution:
         """Return a solution at full tolerance on its mesh, followed by refinement rounds.
 
         The solve starts from its multipliers. The solution is returned unchanged if this takes too
@@ -157,14 +156,17 @@ class Refiner:
         most = min(self.settings.max_iterations, self.polishing)
         settings = replace(self.settings, max_iterations=most)
         meshes = [phase.mesh for phase in solution.phases]
-        given = {"rough": None, "once": True, "foresight": max(self.foresight, FORESIGHT)}
+        given = {"rough": None, "once": True, "foresight": FORESIGHT}
         exact = replace(self, settings=settings, **given)
         finer = exact.solve(meshes, solution)
+        if finer.status is Status.GAP_LEFT and finer.gap.total < solution.gap.total:
+            # Rough solves accept any gap, so a smaller one than theirs is an improvement.
+            finer = replace(finer, status=Status.SOLVED)
         accepted = self.history[-1]["accepted"] = self._accepts(solution, finer)
         self.progress(f"the last digits: {finer.duration:.6f} s, {finer.status}")
         if not accepted:
             return solution
-        finer = replace(exact, rounds=rounds).refine(finer)
+        finer = exact.refine(finer)
         within = self._worst(finer) <= max(self.limit_tolerance, self._worst(solution))
         return finer if within else solution
 
@@ -322,7 +324,7 @@ class Refiner:
         """Return a reason to stop: limits kept, ``enough``, or no progress; None to continue."""
         measure = rounds[-1].measure
         within = measure.worst <= self.limit_tolerance
-        if (within and not measure.switched) or self._is_enough(rounds[-1].solution):
+        if not measure.switched and (within or self._is_enough(rounds[-1].solution)):
             return Status.SOLVED
         idle = _meshes_without_progress([each.measure.worst for each in rounds])
         stubborn = idle >= self.stubborn

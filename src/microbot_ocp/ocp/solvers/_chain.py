@@ -356,11 +356,15 @@ def tightened(runner: Runner, outcome: SolverOutcome) -> tuple[SolverOutcome, Ga
     best, gap = outcome, gap_at(program, outcome)
     attempts: list[Attempt] = []
     wanted = wanted_gap(program, settings, best.attempt.cost)
+    # One limit of iterations for all solves: a gap that some hundred do not close stays.
+    iterations = settings.max_iterations - outcome.attempt.iterations
     for tolerance, options in FURTHER:
         near = not gap.total > wanted and (wanted == np.inf or _keeps_all(best))
-        if near or deadline.over():
+        if near or iterations <= 0 or deadline.over():
             break
-        tried = _further(runner, best, min(wanted, gap.slack), wanted, tolerance, options)
+        given = replace(runner, settings=replace(settings, max_iterations=iterations))
+        tried = _further(given, best, min(wanted, gap.slack), wanted, tolerance, options)
+        iterations -= tried.attempt.iterations
         attempts.append(tried.attempt)
         if tried.attempt.status is Status.INTERRUPTED:
             return tried, UNKNOWN, attempts

@@ -25,7 +25,7 @@ from microbot_ocp.planning.search._result import (
     least_effort,
     motion_of_answer,
 )
-from microbot_ocp.planning.search._search import MotionSearch, SearchState, rank
+from microbot_ocp.planning.search._search import MotionSearch, SearchState, keeps_limits
 from microbot_ocp.planning.search._settings import NEAR_WAY_BARRIER, TimeOptimalSettings
 from microbot_ocp.planning.search._through_stops import Front, SolveRequest, problem_of
 from microbot_ocp.planning.task import CELL_TIME_LIMIT, Segment, with_torques
@@ -118,7 +118,7 @@ def _slower(search: MotionSearch, before: Fastest, factor: float) -> Fastest:
     slower = refiner.solve(meshes, guesses, barrier=NEAR_WAY_BARRIER)
     slower = refiner.finished(refiner.refine(slower))
     search.progress(f"slowed down: {slower.duration:.6f} s, {slower.status}")
-    if rank(search, slower)[0] is False:
+    if keeps_limits(search, slower):
         answer = replace(
             before.answer, solution=slower, refiner=refiner, solves=tuple(refiner.history)
         )

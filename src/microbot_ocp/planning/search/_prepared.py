@@ -623,8 +623,10 @@ def _slowed_down(
     outcome = verdict(family, solution, excess, tolerance)
     if outcome.status is Status.LIMITS_EXCEEDED:
         under_way = moving is not None and bool(moving.state.qd.any())
-        shape, times = polynomial(solution), via_times(solution)
-        slowed = within_limits(family, shape, times, tolerance, problem.fast, moving=under_way)
+        given = polynomial(solution), via_times(solution), tolerance, problem.fast
+        slowed = (
+            within_limits(family, *given, moving=True) if under_way else problem.slowed(solution)
+        )
         if slowed is not None and slowed.duration <= (1.0 + WORSE) * solution.duration:
             return slowed, Outcome.of(Status.SOLVED), largest_excess(family, slowed)
     return None, outcome, largest(excess)

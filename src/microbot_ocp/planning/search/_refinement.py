@@ -38,7 +38,7 @@ from microbot_ocp.planning.search._search import (
     SearchState,
     by_promise,
     is_enough,
-    rank,
+    slowdown,
     timed_step,
 )
 from microbot_ocp.planning.search._settings import (
@@ -138,18 +138,20 @@ LAST_DIGITS = "last digits"
 def refine(search: MotionSearch, state: SearchState) -> SearchState:
     """Return the state with the most promising answers refined, and the best one finished."""
     made = list(state.answers)
+    steps = {Level.COARSE: _on_full_mesh, Level.FULL: _split, Level.SPLIT: _finished}
 
     def raised(answer: MotionAnswer, _: float) -> list[MotionAnswer]:
-        if search.over or made[-1].interrupted:
+        if search.over or made[-1].interrupted or _leads_to_known(answer, made):
             return []
-        last = answer
-        for last in (_finished if answer.level is Level.SPLIT else _refined)(search, answer):
-            made.append(last)
-            if search.over or last.interrupted:
+        new = list[MotionAnswer]()
+        for step in steps[answer.level](search, answer):
+            made.append(step)
+            new.append(step)
+            if search.over or step.interrupted:
                 break
-        return [last] if last.level >= Level.SPLIT and last is not answer else []
+        return [step for step in new if step.solved][-1:]
 
-    best_first(_promising(state), raised)
+    best_first(_promising(search, state), raised)
     return SearchState(tuple(made))
 
 
@@ -157,20 +159,21 @@ def best_of(search: MotionSearch, state: SearchState) -> MotionAnswer:
     """Return the best refined answer, or else the most promising, or else the least infeasible."""
     answers = state.at(Level.FINISHED) or state.at(Level.SPLIT)
     if answers:
-        return min(answers, key=lambda answer: rank(search, answer.solution))
+        return min(answers, key=lambda answer: (not answer.keeps_limits, answer.duration))
     solved = by_promise(state.answers)
     return solved[0] if solved else nearest(state)
 
 
-def _promising(state: SearchState) -> list[MotionAnswer]:
+def _promising(search: MotionSearch, state: SearchState) -> list[MotionAnswer]:
     """Return the answers on a full mesh, or else those that no finer answer supersedes."""
-    continued = {a.before for a in state.starts if a.solved and a.before and _same(a, a.before)}
+
+    def supersedes(finer: MotionAnswer, coarser: MotionAnswer) -> bool:
+        # A coarse motion may be faster by as much as it exceeds its limits between mesh points.
+        more = SAME_OPTIMUM + max(0.0, search.worst(coarser.solution))
+        return finer.solved and finer.duration <= (1.0 + more) * coarser.duration
+
+    continued = {a.before for a in state.starts if a.before and supersedes(a, a.before)}
     return by_promise(state.at(Level.FULL) or [a for a in state.answers if a not in continued])
-
-
-def _same(finer: MotionAnswer, coarser: MotionAnswer) -> bool:
-    """Return True if a finer mesh kept the optimum of a coarser one, or found a faster one."""
-    return finer.duration <= (1.0 + SAME_OPTIMUM) * coarser.duration
 
 
 @timed_step
@@ -190,25 +193,37 @@ def resumed(search: MotionSearch, answer: MotionAnswer) -> MotionAnswer:
     return replace(answer, **found, solves=tuple(first.history), **given)
 
 
-def _refined(search: MotionSearch, answer: MotionAnswer) -> Iterator[MotionAnswer]:
-    """Yield a coarse answer solved on a full mesh; any answer with its intervals split."""
-    best = answer
-    if answer.level is Level.COARSE:
-        full = to_full_mesh(search, answer)
-        yield full
-        if full.solved and full.solution is not answer.solution:
-            best = full
-            if _smooths_too_much(search, full):
-                smoothed = less_smoothing(search, full)
-                yield smoothed
-                best = smoothed if smoothed.solved else full
-        elif (within := _within_limits(search, answer)) is not None:
+def _leads_to_known(answer: MotionAnswer, others: Sequence[MotionAnswer]) -> bool:
+    """Return True if a faster answer on a full mesh probably leads to the same optimum."""
+    full = [a for a in (*others, answer) if a.level is Level.FULL]
+    return answer in full and answer not in by_promise(full)
+
+
+def _on_full_mesh(search: MotionSearch, answer: MotionAnswer) -> Iterator[MotionAnswer]:
+    """Yield a coarse answer solved on a full mesh, with less smoothing if that is better.
+
+    After a failure the answer stays a coarse one, to be raised by a homotopy in the smoothing, or
+    else by splitting its own intervals.
+    """
+    if answer.step == FULL_MESH:
+        smoothed = None
+        if (within := _within_limits(search, answer)) is not None:
             smoothed = less_and_less_smoothing(search, answer, within)
             yield smoothed
-            best = smoothed if smoothed.solved else answer
-        if best is answer and search.problem.timed_path is not None:
-            return  # a coarse motion passes through bodies between mesh points
-    yield split_where_exceeded(search, best)
+        if smoothed is None or not smoothed.solved:
+            yield from _split(search, answer)
+        return
+    full = to_full_mesh(search, answer)
+    if full.solution is not answer.solution:
+        yield full
+        if full.solved and _smooths_too_much(search, full):
+            yield less_smoothing(search, full)
+    elif search.problem.timed_path is None:  # a coarse motion passes through bodies
+        yield replace(full, level=Level.COARSE)
+
+
+def _split(search: MotionSearch, answer: MotionAnswer) -> Iterator[MotionAnswer]:
+    yield split_where_exceeded(search, answer)
 
 
 def _finished(search: MotionSearch, answer: MotionAnswer) -> Iterator[MotionAnswer]:
@@ -385,27 +400,23 @@ def split_where_exceeded(search: MotionSearch, subject: MotionAnswer) -> MotionA
         "worth": tolerance if is_guided else LEAST_GAIN,
     }
     if accelerations_jump(search.problem.family):
-        usual = _at_most(refiner.settings, SMOOTHING_ITERATIONS)
-        foresight = FORESIGHT if refiner.rough else LEAST_FORESIGHT
-        refiner = replace(refiner, foresight=foresight, settings=usual)
+        refiner = replace(refiner, foresight=FORESIGHT if refiner.rough else LEAST_FORESIGHT)
         if len(search.problem.names) <= MANY_PHASES and not search.problem.is_flat:
             # A program with states is solved to the full tolerance at once.
-            least = _at_most(usual, USUAL_ITERATIONS)
+            least = _at_most(refiner.settings, USUAL_ITERATIONS)
             given = {"settings": least, "rough": None, "foresight": LEAST_FORESIGHT}
             exact = replace(refiner, once=True, **given)
             best = exact.refine(best, **marks)
-    if search.problem.is_rated and not is_guided:
-        # The last refinement of a mesh gains almost nothing and may take a thousand iterations.
-        refiner = replace(refiner, once=True, settings=_at_most(refiner.settings, USUAL_ITERATIONS))
     if is_guided:  # a failed solve is repeated from a larger barrier
-        farther = from_barrier(refiner, TIMED_PATH_BARRIER)
-        refiner = replace(refiner, settings=farther)
+        refiner = replace(refiner, settings=from_barrier(refiner, TIMED_PATH_BARRIER))
+    else:
+        # The last refinement of a mesh gains almost nothing and may take a thousand iterations.
+        most = USUAL_ITERATIONS if search.problem.is_rated else SMOOTHING_ITERATIONS
+        refiner = replace(refiner, once=True, settings=_at_most(refiner.settings, most))
     best = refiner.refine(best, **marks)
-    return _finer(subject, SPLIT, Level.SPLIT, best, refiner, **_kept(search, best))
-
-
-def _kept(search: MotionSearch, solution: Solution) -> dict[str, bool]:
-    return {"keeps_limits": not rank(search, solution)[0]}
+    return _finer(
+        subject, SPLIT, Level.SPLIT, best, refiner, slowdown=slowdown(search.problem, best)
+    )
 
 
 @timed_step
@@ -421,8 +432,8 @@ def last_digits(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
     if search.problem.timed_path is None:
         solution = refiner.finished(solution)
     elif loose and search.worst(solution) <= tolerance:
-        solution = refiner.polished(solution, refiner.rounds)
-    given = _kept(search, solution)
+        solution = refiner.polished(solution)
+    given = {"slowdown": slowdown(search.problem, solution)}
     return _finer(subject, LAST_DIGITS, Level.FINISHED, solution, refiner, **given)
 
 

@@ -39,10 +39,10 @@ from microbot_ocp.planning.search._search import (
     MotionAnswer,
     MotionSearch,
     SearchState,
-    is_enough,
+    keeps_limits,
     ledger_of,
-    rank,
     settled,
+    slowdown,
 )
 from microbot_ocp.planning.search._settings import (
     NEAR_WAY_BARRIER,
@@ -179,7 +179,7 @@ def fastest(
             # Dwells are fixed, so the slack is relative to the time in motion.
             slack = (duration - shortest) / answer.solution.duration if answer.solved else 0.0
             slack = min(slack, LARGEST_SLACK)
-        if slack > 0.0 and rank(search, answer.solution)[0] is False and not search.over:
+        if slack > 0.0 and keeps_limits(search, answer.solution) and not search.over:
             calmer = least_effort(search, answer, slack)
             state, answer = state.and_(calmer.answer), calmer.answer
         cut = search.over
@@ -282,13 +282,12 @@ def _further_remarks(best: Fastest) -> Iterator[str]:
 def _known_if_better(best: Fastest, motion: Motion) -> Motion:
     """Return a known motion within the limits if the motion found exceeds them or is slower."""
     problem, solution = best.search.problem, best.answer.solution
-    fast_enough = motion.solved and not is_enough(problem, solution)
-    known = problem.way if fast_enough else _known(best)
+    known = problem.way if motion.solved else _known(best)
     if known is None:
         return motion
     # Positive where the known motion is slower than the solution, which may exceed limits.
     more = known.motion.duration / (solution.duration + problem.dwell_time) - 1.0
-    if fast_enough and (best.calmer or more >= -WORSE):
+    if motion.solved and (best.calmer or more >= -WORSE):
         return motion
     how = f"returned is {known.made_from}"
     if solution.status.solved and more > 0.0:
@@ -309,7 +308,7 @@ def _known(best: Fastest) -> Slowed | None:
     # After the deadline a free solution is not slowed down if a known motion exists.
     if not (known and problem.is_free and deadline.over()):
         answers = [found]
-        if not is_enough(problem, found.solution):
+        if slowdown(problem, found.solution) > WORSE:
             answers += [a for a in best.state.answers if a.start == found.start]
         for answer in answers:
             slowed = problem.slowed(answer.solution)
@@ -441,7 +440,7 @@ def least_effort(search: MotionSearch, fastest: MotionAnswer, slack: float) -> L
     search.progress(f"least effort: {calmer.duration:.6f} s, {calmer.status}")
     solves = tuple(refiner.history)
     answer = replace(fastest, step="least effort", before=fastest, solves=solves)
-    if rank(search, calmer)[0] is False:
+    if keeps_limits(search, calmer):
         answer = replace(answer, solution=calmer, refiner=refiner)
     efforts = effort_of(search, answer.solution), effort_of(search, solution)
     return LeastEffort(answer, slack, solution.duration, *efforts, str(calmer.status))

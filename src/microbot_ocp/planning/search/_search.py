@@ -12,6 +12,8 @@ from dataclasses import dataclass, field, replace
 from functools import wraps
 from typing import Any, Concatenate, ParamSpec
 
+import numpy as np
+
 from microbot_ocp._base import deadline
 from microbot_ocp._base.outcome import Ledger, LedgerRow
 from microbot_ocp._base.status import Status
@@ -23,6 +25,7 @@ from microbot_ocp.planning.search._problem import MotionProblem
 from microbot_ocp.planning.search._queue import Level
 from microbot_ocp.planning.search._settings import (
     COARSE_TOLERANCE,
+    LEAST_GAIN,
     SAME_OPTIMUM,
     TimeOptimalSettings,
 )
@@ -53,7 +56,7 @@ class MotionAnswer:
     relaxed : least violation of the limits, if it was solved for
     step : name of the step in the ledger
     level : accuracy
-    keeps_limits : False if a limit is exceeded between the points of a split mesh
+    slowdown : relative slowdown with which a motion on a split mesh keeps its limits
     """
 
     start: str
@@ -67,12 +70,17 @@ class MotionAnswer:
     relaxed: Explanation | None = None
     step: str = ""
     level: Level = Level.COARSE
-    keeps_limits: bool = True
+    slowdown: float = 0.0
+
+    @property
+    def keeps_limits(self) -> bool:
+        """False if no slowdown keeps the limits."""
+        return bool(np.isfinite(self.slowdown))
 
     @property
     def duration(self) -> float:
-        """Duration without dwells, s."""
-        return self.solution.duration
+        """Duration without dwells, with the slowdown, s."""
+        return self.solution.duration * (1.0 + self.slowdown if self.keeps_limits else 1.0)
 
     @property
     def solved(self) -> bool:
@@ -212,26 +220,27 @@ def ledger_of(state: SearchState, last: MotionAnswer) -> Ledger:
 # ranking of answers -----------------------------------------------------------------------
 
 
+def slowdown(problem: MotionProblem, solution: Solution) -> float:
+    """Return the relative slowdown with which a motion keeps its limits; infinite if none."""
+    if not solution.status.solved:
+        return np.inf
+    if largest(problem.excess(solution)) <= problem.settings.limit_tolerance:
+        return 0.0
+    slower = None if problem.settings.slack else problem.slowed(solution)
+    return np.inf if slower is None else slower.duration / solution.duration - 1.0
+
+
 def is_enough(problem: MotionProblem, solution: Solution) -> bool:
     """Return True if a motion on a large mesh is to be slowed down slightly, not refined."""
     # Slowing down is accepted on large meshes only: there another mesh costs more than the
     # slowdown.
     size = sum(phase.mesh.size - 1 for phase in solution.phases) * problem.family.robot.joint_count
-    if size < LARGE_MESH or not solution.status.solved or problem.settings.slack:
-        return False
-    if largest(problem.excess(solution)) <= problem.settings.limit_tolerance:
-        return False
-    slower, tolerance = problem.slowed(solution), problem.settings.limit_tolerance
-    return slower is not None and slower.duration <= (1.0 + tolerance) * solution.duration
+    return size >= LARGE_MESH and 0.0 < slowdown(problem, solution) <= LEAST_GAIN
 
 
-def rank(search: MotionSearch, solution: Solution) -> tuple[bool, float]:
-    """Return a sort key: motions within the limits first, then the fastest."""
-    valid = solution.status.solved and (
-        search.worst(solution) <= search.settings.limit_tolerance
-        or (search.problem.is_free and is_enough(search.problem, solution))
-    )
-    return not valid, solution.duration
+def keeps_limits(search: MotionSearch, solution: Solution) -> bool:
+    """Return True for a motion within its limits, if need be after a slight slowdown."""
+    return slowdown(search.problem, solution) <= search.settings.limit_tolerance
 
 
 def by_promise(answers: Sequence[MotionAnswer]) -> list[MotionAnswer]:
