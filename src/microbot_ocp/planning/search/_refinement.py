@@ -236,7 +236,8 @@ def to_full_mesh(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
     """Solve on a full mesh, denser where the coarse accelerations change."""
     refiner, before = _going_on(subject), subject.solution
     jumps, mesh = accelerations_jump(search.problem.family), full_mesh(search)
-    meshes = [graded(phase, mesh) if jumps else mesh for phase in before.phases]
+    even = not jumps and search.problem.timed_path is not None
+    meshes = [mesh if even else graded(phase, mesh) for phase in before.phases]
     more: dict[str, Any] = {}
     if _smooths_too_much(search, subject, meshes):
         refiner, weight = _less_smoothed(search, refiner)

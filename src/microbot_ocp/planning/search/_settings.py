@@ -32,9 +32,8 @@ class TimeOptimalSettings:
     ----------
     mesh : int, optional
         Intervals of each phase in the first full solve, 80 by default, fewer for more than 5
-        phases. Half of them follow changes of the acceleration, unless dry friction or limits that
-        depend on the jerk ask for an even mesh. The default is 100 for dry friction alone. Many
-        phases have 400 together, but at least 25 each.
+        phases. Half of them follow changes of the acceleration. The default is 100 for dry friction
+        alone. Many phases have 400 together, but at least 25 each.
     starts : int
         Number of initial guesses on the coarse mesh.
     tries : int
