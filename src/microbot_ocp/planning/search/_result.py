@@ -50,7 +50,7 @@ from microbot_ocp.planning.search._settings import (
     SMOOTHING_COST_LIMIT,
     reserving,
 )
-from microbot_ocp.planning.search._starts import explore, least_of_slower, sample
+from microbot_ocp.planning.search._starts import explore, least_of_slower, next_start, sample
 from microbot_ocp.planning.task import (
     one_remark,
     provenance_of,
@@ -194,11 +194,14 @@ def motion_from(best: Fastest) -> Motion:
     if solution.status is not Status.INTERRUPTED and best.duration is None:
         motion = _known_if_better(best, motion)
     if problem.is_free and motion.solved and not settled(sample(best.state), search.settings):
-        advice = (
-            f"{len(motion.provenance['starts'])} starts led to almost as many different optima, so "
-            "a faster one may exist: allow more tries, or take another seed."
-        )
-        outcome = Outcome.of(Status.LOCAL_OPTIMUM, advice)
+        outcome = Outcome.of(deadline.status())
+        if next_start(search, best.state) is None:  # more time leads to no further start
+            count = len(motion.provenance["starts"])
+            advice = (
+                f"{count} starts led to almost as many different optima, so a faster one may "
+                "exist: allow more tries, or take another seed."
+            )
+            outcome = Outcome.of(Status.LOCAL_OPTIMUM, advice)
         motion = motion.ended(replace(outcome, ledger=motion.outcome.ledger))
     if not search.settings.switching_times or not motion.solved:
         return motion
