@@ -17,7 +17,6 @@ from ._judged import (
 )
 from ._refiner import (
     FORESIGHT as FORESIGHT,
-    WARM_BARRIER as WARM_BARRIER,
     WORSE as WORSE,
     Refiner as Refiner,
     split as split,

@@ -20,7 +20,7 @@ from microbot_ocp._base.status import Status
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import Motion
 from microbot_ocp.ocp import PhaseSolution, Solution, SolverSettings
-from microbot_ocp.ocp.refinement import FORESIGHT as LEAST_FORESIGHT, WARM_BARRIER, WORSE, Refiner
+from microbot_ocp.ocp.refinement import FORESIGHT as LEAST_FORESIGHT, Refiner
 from microbot_ocp.ocp.solution import StepProgress
 from microbot_ocp.ocp.transcription import mesh_of
 from microbot_ocp.planning.free import (
@@ -64,10 +64,8 @@ from microbot_ocp.planning.task import (
 FAR_BARRIER = 3e-5  # barrier parameter of a warm start from a coarse to a full mesh
 FORESIGHT = 0.1  # share of the accepted excess from which an interval is split
 GRADED_SHARE = 0.5  # share of the intervals placed where the acceleration changes
-MANY_PHASES = 5  # number of phases up to which multipliers of the coarse mesh are reused
 MOST_POLISHED = 15  # largest number of phases that are solved to the full tolerance
 REDUCED_SMOOTHING = 1e-2  # factor on the jerk weight of the reduced smoothing
-REDUCED_BARRIER = 1e-6  # barrier parameter of the solve with reduced smoothing
 SMOOTHING_BARRIER = 1e-2  # barrier parameter of the first solve with increased smoothing
 # Factors on the usual jerk weight, applied one after another
 SMOOTHING_FACTORS = (1e6, 1e5, 1e4, 1e3, 1e2, 10.0, 1.0)
@@ -252,18 +250,10 @@ def to_full_mesh(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
             marks = partial(friction_marks, search)
             solution = refiner.sharpen(solution, marks, worth=LEAST_GAIN)
         return finer(solution, refiner)
-    if len(before.phases) > MANY_PHASES:
-        # Multipliers of a coarse mesh of many phases mislead the solver: start without them.
-        guesses, barrier = search.problem.guesses(before), WARM_BARRIER
-        solution = refiner.solve(meshes, guesses, barrier=barrier)
-        if solution.status.solved and solution.cost <= (1 + WORSE) * before.cost:
-            return finer(solution, refiner)
     # A warm start with multipliers needs a barrier parameter that matches the mesh error: a smaller
     # one keeps the iterates too near to bounds that are active on the coarse mesh only.
-    settings, once = from_barrier(refiner, FAR_BARRIER), len(before.phases) <= MANY_PHASES
-    if once:
-        settings = _at_most(settings, USUAL_ITERATIONS)
-    farther = replace(refiner, settings=settings, once=once)
+    settings = _at_most(from_barrier(refiner, FAR_BARRIER), USUAL_ITERATIONS)
+    farther = replace(refiner, settings=settings, once=True)
     return finer(farther.finer(before, meshes), refiner)
 
 
@@ -378,7 +368,7 @@ def less_smoothing(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
     """Solve with less smoothing on the same mesh; later solves keep the weight."""
     refiner, meshes = _going_on(subject), [phase.mesh for phase in subject.solution.phases]
     finer, weight = _less_smoothed(search, refiner)
-    settings = _at_most(from_barrier(finer, REDUCED_BARRIER), USUAL_ITERATIONS)
+    settings = _at_most(finer.settings, USUAL_ITERATIONS)
     solution = replace(finer, settings=settings).solve(meshes, subject.solution)
     search.progress(f"smoothed less: {solution.duration:.6f} s, {solution.status}")
     if solution.status.solved and solution.duration >= subject.duration:
@@ -402,7 +392,7 @@ def split_where_exceeded(search: MotionSearch, subject: MotionAnswer) -> MotionA
     }
     if accelerations_jump(search.problem.family):
         refiner = replace(refiner, foresight=FORESIGHT if refiner.rough else LEAST_FORESIGHT)
-        if len(search.problem.names) <= MANY_PHASES and not search.problem.is_flat:
+        if not search.problem.is_flat:
             # A program with states is solved to the full tolerance at once.
             least = _at_most(refiner.settings, USUAL_ITERATIONS)
             given = {"settings": least, "rough": None, "foresight": LEAST_FORESIGHT}
