@@ -75,6 +75,8 @@ class Refiner:
         Function that sets parameters of the kernels for a mesh and a start.
     once : bool
         True to give up a mesh after the first failed start.
+    worth : float
+        Relative gain of the last mesh above which a failed mesh is solved from other starts.
     stubborn : int
         Number of meshes without halving the least excess after which refinement ends.
     enough : callable, optional
@@ -94,6 +96,7 @@ class Refiner:
     foresight: float = 1.0
     fitted: Fitted | None = None
     once: bool = False
+    worth: float = 0.0
     stubborn: int = STUBBORN
     enough: Callable[[Solution], bool] | None = None
     history: list[dict[str, Any]] = field(default_factory=list)
@@ -181,11 +184,13 @@ class Refiner:
             starts = [(None, before)]
         else:
             starts = [(WARM_BARRIER, guesses)]
-        if not self.once:
+        again = not self.once and self._last_gain() > self.worth
+        if again:
             starts.append((None, guesses))
         after, dearer, gain = before, None, self._cost_of_excess(before)
+        solve = replace(self, once=not again).solve
         for barrier, start in starts:
-            after = self.solve(meshes, start, barrier=barrier)
+            after = solve(meshes, start, barrier=barrier)
             accepted = self.history[-1]["accepted"] = self._accepts(before, after)
             sizes = " + ".join(str(phase.mesh.size - 1) for phase in after.phases)
             note = "" if accepted else ", not accepted"
@@ -201,6 +206,11 @@ class Refiner:
             self.progress(f"{dearer.duration:.6f} s accepted: the cheaper one exceeds its limits")
             return dearer
         return before if before.status.solved else after
+
+    def _last_gain(self) -> float:
+        """Return the relative gain of the last accepted mesh; infinite for the first."""
+        costs = [entry["cost"] for entry in self.history if entry["accepted"]]
+        return np.inf if len(costs) < 2 else (costs[-2] - costs[-1]) / abs(costs[-1])
 
     def _worst(self, solution: Solution) -> float:
         return max(float(e.max()) for e in self.excess(solution))

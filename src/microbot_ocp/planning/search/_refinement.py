@@ -217,7 +217,8 @@ def _on_full_mesh(search: MotionSearch, answer: MotionAnswer) -> Iterator[Motion
         if full.solved and _smooths_too_much(search, full):
             yield less_smoothing(search, full)
     elif search.problem.timed_path is None:  # a coarse motion passes through bodies
-        yield replace(full, level=Level.COARSE)
+        given = {"solves": full.solves, "seconds": full.seconds}
+        yield replace(answer, before=answer, step=FULL_MESH, **given)
 
 
 def _split(search: MotionSearch, answer: MotionAnswer) -> Iterator[MotionAnswer]:
@@ -402,8 +403,10 @@ def split_where_exceeded(search: MotionSearch, subject: MotionAnswer) -> MotionA
         refiner = replace(refiner, settings=from_barrier(refiner, TIMED_PATH_BARRIER))
     else:
         # The last refinement of a mesh gains almost nothing and may take a thousand iterations.
-        most = USUAL_ITERATIONS if search.problem.is_rated else SMOOTHING_ITERATIONS
-        refiner = replace(refiner, once=True, settings=_at_most(refiner.settings, most))
+        rated = search.problem.is_rated
+        most = USUAL_ITERATIONS if rated else SMOOTHING_ITERATIONS
+        settings = _at_most(refiner.settings, most)
+        refiner = replace(refiner, once=rated, worth=LEAST_GAIN, settings=settings)
     best = refiner.refine(best, **marks)
     return _finer(
         subject, SPLIT, Level.SPLIT, best, refiner, slowdown=slowdown(search.problem, best)
