@@ -393,12 +393,6 @@ def split_where_exceeded(search: MotionSearch, subject: MotionAnswer) -> MotionA
     }
     if accelerations_jump(search.problem.family):
         refiner = replace(refiner, foresight=FORESIGHT if refiner.rough else LEAST_FORESIGHT)
-        if not search.problem.is_flat:
-            # A program with states is solved to the full tolerance at once.
-            least = _at_most(refiner.settings, USUAL_ITERATIONS)
-            given = {"settings": least, "rough": None, "foresight": LEAST_FORESIGHT}
-            exact = replace(refiner, once=True, **given)
-            best = exact.refine(best, **marks)
     if is_guided:  # a failed solve is repeated from a larger barrier
         refiner = replace(refiner, settings=from_barrier(refiner, TIMED_PATH_BARRIER))
     else:
