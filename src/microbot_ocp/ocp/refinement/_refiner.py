@@ -209,7 +209,7 @@ class Refiner:
 
     def _last_gain(self) -> float:
         """Return the relative gain of the last accepted mesh; infinite for the first."""
-        costs = [entry["cost"] for entry in self.history if entry["accepted"]]
+        costs = [entry["cost"] for entry in self.history if entry.get("accepted")]
         return np.inf if len(costs) < 2 else (costs[-2] - costs[-1]) / abs(costs[-1])
 
     def _worst(self, solution: Solution) -> float:
