@@ -76,7 +76,8 @@ class Refiner:
     once : bool
         True to give up a mesh after the first failed start.
     worth : float
-        Relative gain of the last mesh above which a failed mesh is solved from other starts.
+        Relative gain of the last mesh above which a failed mesh is solved from other starts; by
+        default always.
     stubborn : int
         Number of meshes without halving the least excess after which refinement ends.
     enough : callable, optional
@@ -96,7 +97,7 @@ class Refiner:
     foresight: float = 1.0
     fitted: Fitted | None = None
     once: bool = False
-    worth: float = 0.0
+    worth: float = -np.inf
     stubborn: int = STUBBORN
     enough: Callable[[Solution], bool] | None = None
     history: list[dict[str, Any]] = field(default_factory=list)

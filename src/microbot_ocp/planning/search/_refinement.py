@@ -141,13 +141,12 @@ def refine(search: MotionSearch, state: SearchState) -> SearchState:
     def raised(answer: MotionAnswer, _: float) -> list[MotionAnswer]:
         if search.over or made[-1].interrupted or _leads_to_known(answer, made):
             return []
-        new = list[MotionAnswer]()
+        begin = len(made)
         for step in steps[answer.level](search, answer):
             made.append(step)
-            new.append(step)
             if search.over or step.interrupted:
                 break
-        return [step for step in new if step.solved][-1:]
+        return [step for step in made[begin:] if step.solved][-1:]
 
     best_first(_promising(search, state), raised)
     return SearchState(tuple(made))
@@ -235,14 +234,14 @@ def to_full_mesh(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
     """Solve on a full mesh, denser where the coarse accelerations change."""
     refiner, before = _going_on(subject), subject.solution
     jumps, mesh = accelerations_jump(search.problem.family), full_mesh(search)
-    even = not jumps and search.problem.timed_path is not None
+    is_guided = search.problem.timed_path is not None
+    even = is_guided and not jumps
     meshes = [mesh if even else graded(phase, mesh) for phase in before.phases]
     more: dict[str, Any] = {}
     if _smooths_too_much(search, subject, meshes):
         refiner, weight = _less_smoothed(search, refiner)
         more = {"refiner": replace(refiner, history=[]), "smoothing": weight}
     finer = partial(_finer, subject, FULL_MESH, Level.FULL, **more)
-    is_guided = search.problem.timed_path is not None
     if is_guided:  # a small barrier parameter shortens steps near many distance constraints
         refiner = replace(refiner, settings=from_barrier(refiner, TIMED_PATH_BARRIER))
     if is_guided or not jumps:
