@@ -211,9 +211,27 @@ def run_chain(
     With ``once``, a warm start is the only run. ``solvers`` caches solvers for further solves of
     the program.
     """
+    attempts: list[Attempt] = []
+    outcome: SolverOutcome | None = None
     with deadline.within(settings.time_limit):
         runner = Runner(program, settings, progress, solvers)
-        outcome, attempts = _in_turn(runner, start, once)
+        for name, variant in _turns(settings, start, once):
+            given = start if variant or name == "sqp" else StartingPoint(start.x)
+            tried = runner.run(name, given, variant=variant)
+            attempts.append(tried.attempt)
+            unsure = name == "ipopt" and tried.attempt.status in UNSURE
+            if unsure and asks_for_ldl(settings.options):
+                usual = replace(settings, options=without_ldl(settings.options))
+                runner_there = replace(runner, settings=usual, solvers=None)
+                tried = runner_there.run(name, given, variant=variant)
+                attempts.append(tried.attempt)
+            status = tried.attempt.status
+            # A failure does not override that an earlier solver found the program infeasible.
+            if outcome is None or _rank(status) <= _rank(outcome.attempt.status):
+                outcome = tried
+            if deadline.over() or status in (Status.SOLVED, Status.INTERRUPTED):
+                break
+        assert outcome is not None
         outcome, gap, further = tightened(runner, outcome)
     attempts += further
     ended = [*(a for a in attempts if a is not outcome.attempt), outcome.attempt]
@@ -236,34 +254,14 @@ def run_chain(
     )
 
 
-def _in_turn(
-    runner: Runner, start: StartingPoint, once: bool
-) -> tuple[SolverOutcome, list[Attempt]]:
-    """Return the result of the first solver that converges, or else the most informative one."""
-    settings = runner.settings
+def _turns(settings: SolverSettings, start: StartingPoint, once: bool) -> list[tuple[str, bool]]:
+    """Return the solvers in their order, each with True for its variant."""
     turns = [(name, False) for name in settings.chain()]
     if settings.solver == "sqp":
         turns.append(("sqp", True))
     if begins_warm(settings, start):
         turns = [("ipopt", True), *([] if once else turns)]
-    attempts: list[Attempt] = []
-    outcome: SolverOutcome | None = None
-    for name, variant in turns:
-        given = start if variant or name == "sqp" else StartingPoint(start.x)
-        tried = runner.run(name, given, variant=variant)
-        attempts.append(tried.attempt)
-        if name == "ipopt" and tried.attempt.status in UNSURE and asks_for_ldl(settings.options):
-            usual = replace(settings, options=without_ldl(settings.options))
-            tried = replace(runner, settings=usual, solvers=None).run(name, given, variant=variant)
-            attempts.append(tried.attempt)
-        status = tried.attempt.status
-        # A failure does not override that an earlier solver found the program infeasible.
-        if outcome is None or _rank(status) <= _rank(outcome.attempt.status):
-            outcome = tried
-        if deadline.over() or status in (Status.SOLVED, Status.INTERRUPTED):
-            break
-    assert outcome is not None
-    return outcome, attempts
+    return turns
 
 
 def begins_warm(settings: SolverSettings, start: StartingPoint) -> bool:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
 from threading import get_ident
 from typing import Any
 
@@ -89,9 +88,8 @@ class Runner:
         if isinstance(solver, _Answer):
             answer = solver
         else:
-            call = partial(_called, solver, arguments_of(self.program, start))
             answered = _answered_by_child if forks else _answered
-            answer = answered(call, name, watch)
+            answer = answered(solver, arguments_of(self.program, start), name, watch)
         refused = answer.broken and self.settings.options.get(name)
         if refused and "option" in answer.broken.lower():
             raise InputError(f"options of {name} were rejected: {answer.broken}")
@@ -194,33 +192,37 @@ def arguments_of(program: Program, start: StartingPoint) -> dict[str, Any]:
     return arguments
 
 
-def _called(solver: ca.Function, arguments: Mapping[str, Any]) -> _Answer:
-    with quiet("stderr"):  # functions that fail at a trial point print their inputs
-        result = solver(**arguments)
-    values = {key: np.array(result[key]).ravel() for key in ("x", "lam_g", "lam_x")}
-    try:
-        stats = solver.stats()
-    except RuntimeError:  # raised by the SQP method after a failed quadratic program
-        stats = {}
-    plain = {k: v for k, v in stats.items() if isinstance(v, bool | int | float | str)}
-    return _Answer(values, plain)
-
-
-def _answered(call: Callable[[], _Answer], name: str, watch: Watch | None) -> _Answer:
-    """Return the answer of a solver call, and whether Ctrl-C was pressed."""
+def _answered(
+    solver: ca.Function, arguments: Mapping[str, Any], name: str, watch: Watch | None
+) -> _Answer:
+    """Return the answer of a solver, and whether Ctrl-C was pressed."""
     # IPOPT and the SQP method check for an exception at every evaluation and stop. fatrop does not
     # check, so an exception would only discard its result.
     with interrupts.noted(is_raised=name != "fatrop") as interrupted:
         if watch is not None:
             watch.interrupted = interrupted
         try:
-            return replace(call(), interrupted=interrupted())
+            with quiet("stderr"):  # functions that fail at a trial point print their inputs
+                result = solver(**arguments)
         except (KeyboardInterrupt, RuntimeError) as problem:
             asked = interrupted() or (watch is not None and watch.stopped)
             if isinstance(problem, KeyboardInterrupt) and not asked:
                 raise
             # An exception discards the result of the SQP method.
             return _Answer(broken="" if asked else first_cause(problem), interrupted=interrupted())
+        return replace(_plain(solver, result), interrupted=interrupted())
+
+
+def _plain(solver: ca.Function, result: Mapping[str, ca.DM]) -> _Answer:
+    """Return the result of a solver call as plain values, with its statistics."""
+    values = {key: np.array(result[key]).ravel() for key in ("x", "lam_g", "lam_x")}
+    try:
+        stats = solver.stats()
+    except RuntimeError:  # raised by the SQP method after a failed quadratic program
+        stats = {}
+    return _Answer(
+        values, {k: v for k, v in stats.items() if isinstance(v, bool | int | float | str)}
+    )
 
 
 LONGEST_RUN = 600.0  # s, for a solver that may not end by itself, if no time limit is set
@@ -229,7 +231,10 @@ LONGEST_RUN = 600.0  # s, for a solver that may not end by itself, if no time li
 LONGEST_SILENCE = 10.0  # processor time without an evaluation after which fatrop is killed, s
 
 
-def _answered_by_child(call: Callable[[], _Answer], name: str, watch: Watch | None) -> _Answer:
+def _answered_by_child(
+    solver: ca.Function, arguments: Mapping[str, Any], name: str, watch: Watch | None
+) -> _Answer:
+    """Return the answer of a solver in another process, which ends at the time limit."""
     last_iterate = watch if isinstance(watch, LastIterate) else None
 
     def work(send: Send) -> _Answer:
@@ -238,7 +243,8 @@ def _answered_by_child(call: Callable[[], _Answer], name: str, watch: Watch | No
         ):  # send iterates to the parent, which reports them
             watch.report = lambda x, cost=None: send((x, cost)) is None
         try:
-            return call()
+            with quiet("stderr"):
+                return _plain(solver, solver(**arguments))
         except (KeyboardInterrupt, RuntimeError) as problem:
             return _Answer(broken=first_cause(problem))
 
