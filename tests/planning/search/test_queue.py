@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
 from hypothesis import given, strategies as st
 
 from microbot_ocp._base import deadline
-from microbot_ocp.planning.search._queue import GAIN, Level, best_first
+from microbot_ocp.planning.search._queue import GAIN, Level, Queue
 
 
 @dataclass(frozen=True)
@@ -23,16 +24,17 @@ class Way:
         return self.durations[self.level] or 0.0
 
 
-class Raised(list[Way]):
-    """Function that raises ways by a level, and remembers which."""
-
-    def __call__(self, way: Way, best: float) -> list[Way]:
-        self.append(way)
+def searched(first: list[Way], most: float = np.inf) -> tuple[list[Way], list[Way]]:
+    """Return the finished ways, and those that were raised by a level."""
+    queue, raised = Queue(first, most), list[Way]()
+    for way in queue:
+        raised.append(way)
         level = Level(way.level + 1)
         if way.durations[level] is None:
-            return []
+            continue
         fails = level is Level.FINISHED and way.durations[level] == FAILS
-        return [replace(way, level=level, keeps_limits=not fails)]
+        queue.put([replace(way, level=level, keeps_limits=not fails)], before=way)
+    return queue.finished, raised
 
 
 FAILS = 99.0  # duration of a finished way that exceeds its limits
@@ -52,8 +54,7 @@ def ways(draw: st.DrawFn) -> Way:
 
 @given(st.lists(ways(), min_size=1, max_size=8))
 def test_the_fastest_is_found_and_slow_ones_are_not_raised(some):
-    raised = Raised()
-    finished = best_first(some, raised)
+    finished, raised = searched(some)
     best = min(way.durations[Level.FINISHED] for way in some)
     assert min(way.duration for way in finished) == best
     for way in raised:
@@ -68,26 +69,25 @@ def test_a_way_that_fails_hides_no_other(some):
     others = [way for way in some if way is not fast]
     for fails in (None, FAILS):
         failing = replace(fast, durations=(*fast.durations[:-1], fails))
-        finished = [way for way in best_first([failing, *others], Raised()) if way.keeps_limits]
+        finished = [way for way in searched([failing, *others])[0] if way.keeps_limits]
         best = min(way.durations[Level.FINISHED] for way in others)
         assert min(way.duration for way in finished) == best
 
 
 def test_with_a_longest_duration_all_shorter_ways_are_finished():
     some = [Way((1.0, 1.0, t, t, t, t)) for t in (2.0, 3.0, 4.0)]
-    finished = best_first(some, Raised(), most=3.5)
+    finished, _ = searched(some, most=3.5)
     assert [way.duration for way in finished] == [2.0, 3.0]
 
 
 def test_at_the_time_limit_the_most_accurate_way_is_finished():
     near = Way((1.0,) * 6, level=Level.COARSE)
-    raised = Raised()
     with deadline.within(1e-9):
-        finished = best_first([Way((0.5,) * 6), near], raised)
+        finished, raised = searched([Way((0.5,) * 6), near])
     assert [way.duration for way in finished] == [1.0]
     assert {way.durations for way in raised} == {near.durations}
 
 
 def test_nothing_comes_of_nothing():
-    assert best_first([], Raised()) == []
-    assert best_first([Way((1.0, None))], Raised()) == []
+    assert searched([]) == ([], [])
+    assert searched([Way((1.0, None))])[0] == []

@@ -64,7 +64,7 @@ class Refiner:
     settings : SolverSettings
         Further settings of the solvers.
     rough : float, optional
-        Tolerance of all solves until :meth:`finished`: on a flat minimum most iterations improve
+        Tolerance of all solves until :meth:`polished`: on a flat minimum most iterations improve
         digits that the next mesh changes.
     polishing : int
         Iteration limit of the polishing solve; 0 for none.
@@ -136,20 +136,15 @@ class Refiner:
         self.history.append(entry)
         return solution
 
-    def finished(self, solution: Solution) -> Solution:
-        """Return a rough solution solved to the full tolerance, and refined once more.
-
-        Returned unchanged if that takes too long or does not keep the limits.
-        """
+    def is_finished(self, solution: Solution) -> bool:
+        """Return True if a solution needs no polishing, or none is possible."""
         if not (self.rough and self.polishing and solution.status.solved) or deadline.over():
-            return solution
+            return True
         wanted = self.settings.gap
         # A solve with the wanted gap is polished already.
         polished = cast("float", solution.settings.get("gap", np.inf)) <= wanted
         near = solution.gap.total <= POLISHED * wanted * abs(solution.cost)
-        if self._is_enough(solution) or polished or near:
-            return solution
-        return self.polished(solution)
+        return self._is_enough(solution) or polished or near
 
     def polished(self, solution: Solution) -> Solution:
         """Return a solution at full tolerance on its mesh, followed by refinement rounds.

@@ -53,7 +53,7 @@ from microbot_ocp.planning.search._orders import (
     rest_duration_of,
     tasks_in_orders,
 )
-from microbot_ocp.planning.search._queue import Level, best_first
+from microbot_ocp.planning.search._queue import Level, Queue
 from microbot_ocp.planning.search._result import (
     LEFT_OUT,
     is_accepted,
@@ -301,47 +301,50 @@ class _OrderAmongObstacles:
 
     def _found(self, front_of: FrontFunction | None) -> _Guided | None:
         """Return the way with the best of the requested motions, or None."""
-
-        def raised(candidate: _Guided, most: float) -> list[_Guided]:
-            way, guide = candidate.way, candidate.guide
-            known = guide and self._coarse_results.get(guide.name)
-            expected = 0.0 if known else self._expected(way)
+        ways = (way for way, _ in self._legs.ways(self.task))
+        queue = Queue(_Guided(way, bound_of(self.task, way)) for way in ways)
+        for candidate in queue:
+            known = candidate.guide and self._coarse_results.get(candidate.guide.name)
+            expected = 0.0 if known else self._expected(candidate.way)
             if expected > candidate.duration:
-                return [replace(candidate, duration=expected)]
-            if guide is None:
-                count = candidate.searches
-                guides = self._legs.guides_of(self.task, way, count)
-                # A motion may be far faster than the timing of its path from rest to rest, so each
-                # path is bounded like its way.
-                new = guides[candidate.paths :]
-                along = [_Guided(way, candidate.duration, Level.TIMED, guide) for guide in new]
-                if count == MOST_SEARCHES:
-                    return along
-                # The last paths are searched for only if no way leads to a motion.
-                further = {"searches": count + 1, "solved": count < FIRST_SEARCHES}
-                return [*along, replace(candidate, paths=len(guides), **further)]
-            if known is None or known.further is not None:
-                # Poses of a redundant arm slide: several ways may lead to one optimum, which is
-                # raised again only if nothing else leads to a motion.
-                if known and candidate.solved and self._is_settled(known):
-                    return [replace(candidate, solved=False)]
-                result = self._coarse(guide)
-                if result is None:
-                    return []
-                solved = not self._is_settled(result)
-                coarse = {"level": result.level, "duration": result.duration, "solved": solved}
-                return [replace(candidate, **coarse)]
-            front, proofs = self._search(guide).motions(known, front_of, most)
-            if not front[0]:
-                return []
-            motion, proof = front[0][0][1], proofs[0]
-            solved = is_accepted(motion) and is_clear(proof)
-            given = {"duration": motion.duration, "solved": solved, "front": front}
-            return [replace(candidate, level=Level.FINISHED, proofs=proofs, **given)]
+                raised = [replace(candidate, duration=expected)]
+            elif candidate.guide is None:
+                raised = self._along_paths(candidate)
+            elif known is None or known.further is not None:
+                raised = self._on_coarse_mesh(candidate, candidate.guide, known)
+            else:
+                search, most = self._search(candidate.guide), queue.duration_to_beat
+                raised = _finished(candidate, *search.motions(known, front_of, most))
+            queue.put(raised, before=candidate)
+        return min(queue.finished, key=lambda guided: guided.rank, default=None)
 
-        ways = [way for way, _ in self._legs.ways(self.task)]
-        finished = best_first((_Guided(way, bound_of(self.task, way)) for way in ways), raised)
-        return min(finished, key=lambda guided: guided.rank, default=None)
+    def _along_paths(self, candidate: _Guided) -> list[_Guided]:
+        """Return a way along each of its new paths around obstacles, and the way itself."""
+        way, count = candidate.way, candidate.searches
+        guides = self._legs.guides_of(self.task, way, count)
+        # A motion may be far faster than the timing of its path from rest to rest, so each path is
+        # bounded like its way.
+        new = guides[candidate.paths :]
+        along = [_Guided(way, candidate.duration, Level.TIMED, guide) for guide in new]
+        if count == MOST_SEARCHES:
+            return along
+        # The last paths are searched for only if no way leads to a motion.
+        further = {"searches": count + 1, "solved": count < FIRST_SEARCHES}
+        return [*along, replace(candidate, paths=len(guides), **further)]
+
+    def _on_coarse_mesh(
+        self, candidate: _Guided, guide: GuidedWay, known: CoarseResult | None
+    ) -> list[_Guided]:
+        """Return a way with its next coarse answer."""
+        # Poses of a redundant arm slide: several ways may lead to one optimum, which is raised
+        # again only if nothing else leads to a motion.
+        if known and candidate.solved and self._is_settled(known):
+            return [replace(candidate, solved=False)]
+        result = self._coarse(guide)
+        if result is None:
+            return []
+        solved = not self._is_settled(result)
+        return [replace(candidate, level=result.level, duration=result.duration, solved=solved)]
 
     def _is_settled(self, result: CoarseResult) -> bool:
         """Return True if another coarse answer is the same optimum and needs no further one.
@@ -399,6 +402,16 @@ class _OrderAmongObstacles:
         motion = _joined(task, way, shapes)
         hit = clearance_along(places_along(task, motion, self._scene), motion)
         return not_found(motion, why, hit)
+
+
+def _finished(candidate: _Guided, front: Front, proofs: list[Clearance | None]) -> list[_Guided]:
+    """Return a way with its motions; nothing without any."""
+    if not front[0]:
+        return []
+    motion = front[0][0][1]
+    solved = is_accepted(motion) and is_clear(proofs[0])
+    given = {"duration": motion.duration, "solved": solved, "front": front}
+    return [replace(candidate, level=Level.FINISHED, proofs=proofs, **given)]
 
 
 def _with(motion: Motion, **more: Any) -> Motion:

@@ -116,7 +116,8 @@ def _slower(search: MotionSearch, before: Fastest, factor: float) -> Fastest:
     meshes = [phase.mesh for phase in solution.phases]
     guesses = search.problem.guesses(solution, factor)
     slower = refiner.solve(meshes, guesses, barrier=NEAR_WAY_BARRIER)
-    slower = refiner.finished(refiner.refine(slower))
+    slower = refiner.refine(slower)
+    slower = slower if refiner.is_finished(slower) else refiner.polished(slower)
     search.progress(f"slowed down: {slower.duration:.6f} s, {slower.status}")
     if keeps_limits(search, slower):
         answer = replace(

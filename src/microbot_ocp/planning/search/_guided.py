@@ -9,6 +9,7 @@ each segment.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -26,7 +27,7 @@ from microbot_ocp.planning.search._branches import Way
 from microbot_ocp.planning.search._queue import Level
 from microbot_ocp.planning.search._refinement import best_of, resumed, search_of
 from microbot_ocp.planning.search._result import fastest, is_accepted, motion_from
-from microbot_ocp.planning.search._search import MotionAnswer, MotionSearch, SearchState
+from microbot_ocp.planning.search._search import NOTHING, MotionAnswer, MotionSearch, SearchState
 from microbot_ocp.planning.search._settings import SAME_OPTIMUM
 from microbot_ocp.planning.search._starts import explore, explore_mesh, full_mesh
 from microbot_ocp.planning.search._stop_motion import (
@@ -462,11 +463,11 @@ class GuidedSearch:
         """
         left_out = True
         while left_out:
-            search = self._search(around, finer)
+            search, begin = self._search(around, finer), time.perf_counter()
             again = resumed(search, start)
             if not again.solved:
                 return None
-            result = CoarseResult(search, SearchState((again,)), (around, finer))
+            result = CoarseResult(search, NOTHING.and_(again, begin), (around, finer))
             around, _, left_out = around.after(_poses_of(again), NEAR)
         return result
 

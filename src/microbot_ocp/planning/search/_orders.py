@@ -17,15 +17,15 @@ import numpy as np
 from microbot_ocp._base.checks import InputError
 from microbot_ocp.motion import Motion
 from microbot_ocp.planning.search._branches import Way, least_duration, ways_through
-from microbot_ocp.planning.search._queue import Level, best_first
+from microbot_ocp.planning.search._queue import Level, Queue
 from microbot_ocp.planning.search._refinement import search_of
 from microbot_ocp.planning.search._result import LEFT_OUT, fastest, motion_from
-from microbot_ocp.planning.search._starts import compare_starts, segment_timings
+from microbot_ocp.planning.search._starts import explore, segment_timings
 from microbot_ocp.planning.search._through_stops import (
     SolveRequest,
     fastest_through,
-    in_time,
     problem_of,
+    with_load_noted,
 )
 from microbot_ocp.planning.task import CELL_TIME_LIMIT, Segment, Task, one_remark
 
@@ -64,8 +64,9 @@ def solve_stops(request: SolveRequest) -> Motion:
     if request.order == "given":
         return fastest_through(request.task(), request.settings, request.progress, request.duration)
     tasks = tasks_in_orders(request)
-    search = partial(best_order, request, tasks, partial(_OrderWithoutObstacles, request))
-    return in_time(search, request.settings, CELL_TIME_LIMIT)
+    with request.settings.within(CELL_TIME_LIMIT) as limit:
+        motion = best_order(request, tasks, partial(_OrderWithoutObstacles, request))
+        return with_load_noted(motion, limit)
 
 
 def tasks_in_orders(request: SolveRequest) -> dict[Places, Task]:
@@ -136,18 +137,16 @@ def best_order(
         rows[places] = row | {"coarse": None, "duration": None}
     refused: list[InputError] = []
 
-    def raised(order: _Order, best: float) -> list[_Order]:
+    first = [_Order(places, Level.BOUND, row["bound"]) for places, row in rows.items()]
+    queue = Queue(first, np.inf if request.duration is None else request.duration)
+    for order in queue:
+        task, least = tasks[order.places], queue.duration_to_beat
         try:
-            return [_raised(request, tasks[order.places], order, ordered, rows, best)]
+            queue.put([_raised(request, task, order, ordered, rows, least)], before=order)
         except InputError as problem:
             refused.append(problem)
             rows[order.places]["status"] = str(problem)
-            return []
-
-    first = [_Order(places, Level.BOUND, row["bound"]) for places, row in rows.items()]
-    most = np.inf if request.duration is None else request.duration
-    finished = best_first(first, raised, most)
-    if not finished:
+    if not queue.finished:
         raise refused[0]
 
     def rank(order: _Order) -> tuple[bool, float, float]:
@@ -156,7 +155,7 @@ def best_order(
         calmed = np.inf if request.duration is None else effort
         return not order.motion.solved, calmed, order.motion.duration
 
-    best = min(finished, key=rank)
+    best = min(queue.finished, key=rank)
     return _with_orders(best, list(rows.values()))
 
 
@@ -259,7 +258,7 @@ class _OrderWithoutObstacles:
         least = replace(
             problem, duration_to_beat=duration_to_beat - problem.dwell_time, for_comparison=True
         )
-        self._state = compare_starts(replace(self._search, problem=least))
+        self._state = explore(replace(self._search, problem=least))
         solved = [a.solution.duration for a in self._state.starts if a.solved]
         return min(solved, default=np.inf) + problem.dwell_time
 

@@ -387,7 +387,7 @@ class TimeOptimalSolver:
             # On a mesh that nearly fits, one exact solve takes less than a rough and a further one.
             refiner = replace(refiner, rough=None)
         answer = MotionAnswer(name, best, replace(refiner, history=[]), smoothing, **given)
-        return tried, name, best_of(how, refine(how, SearchState((answer,))))
+        return tried, name, best_of(how, refine(how, SearchState((answer,), (0.0,))))
 
     def _numbered(
         self, problem: MotionProblem, payload: float, smoothing: float, moving: _StateAtStart | None

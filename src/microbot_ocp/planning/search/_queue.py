@@ -7,10 +7,10 @@ level only if it may still beat the best finished candidate.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Iterator
 from enum import IntEnum
 from math import prod
-from typing import Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -58,47 +58,59 @@ class Candidate(Protocol):
 C = TypeVar("C", bound=Candidate)
 
 
-def best_first(
-    first: Iterable[C], raised: Callable[[C, float], Sequence[C]], most: float = np.inf
-) -> list[C]:
-    """Return the finished candidates of a search.
+class Queue(Generic[C]):
+    """Candidates of a search; iteration yields the one to be raised next.
 
-    The candidate with the least hoped-for duration is raised, again and again, until a finished one
-    beats all others. After the time limit only the most accurate candidate is raised, until one is
-    finished.
+    That is the candidate with the least hoped-for duration, until a finished one beats all others.
+    After the time limit only the most accurate candidate is raised, until one is finished.
 
     Parameters
     ----------
     first : iterable of candidates
-    raised : callable
-        Function of a candidate and the duration to beat, s. It returns the candidates of a higher
-        level that replace this candidate, if any.
     most : float
         Duration from which candidates are left out, s; if finite, all others are finished.
+
+    Attributes
+    ----------
+    finished : list of candidates
     """
-    waiting, finished, gain = list(first), list[C](), dict(GAIN)
 
-    def hoped(candidate: C) -> tuple[bool, float]:
+    def __init__(self, first: Iterable[C], most: float = np.inf) -> None:
+        self.finished: list[C] = []
+        self._waiting, self._most, self._gain = list(first), most, dict(GAIN)
+
+    def __iter__(self) -> Iterator[C]:
+        while self._waiting:
+            late = deadline.over()
+            # Among ties `min` takes the first candidate of the list.
+            least = min(self._waiting, key=lambda c: (-c.level * late, self._hoped(c)))
+            if self.finished and (late or self._best() <= self._hoped(least)):
+                return
+            self._waiting.remove(least)
+            yield least
+
+    def put(self, raised: Iterable[C], before: C) -> None:
+        """Store the candidates of a higher level that replace a candidate."""
+        for candidate in raised:
+            if candidate.keeps_limits and before.level in self._gain:
+                seen = 1.0 - candidate.duration / before.duration
+                self._gain[before.level] = max(self._gain[before.level], SPREAD * seen)
+            done = candidate.level is Level.FINISHED
+            (self.finished if done else self._waiting).append(candidate)
+
+    @property
+    def duration_to_beat(self) -> float:
+        """Duration of the best finished candidate, s; infinite without any."""
+        return self._best()[1]
+
+    def _best(self) -> tuple[bool, float]:
+        if np.isfinite(self._most):
+            return False, self._most
+        done = ((not c.keeps_limits, c.duration) for c in self.finished)
+        return min(done, default=(True, np.inf))
+
+    def _hoped(self, candidate: C) -> tuple[bool, float]:
         # Estimates below a coarse answer are from below: nothing is gained beyond them.
-        later = (share for level, share in gain.items() if level >= candidate.level > Level.TIMED)
-        left = prod(1.0 - share for share in later)
-        return not candidate.keeps_limits, left * candidate.duration
-
-    def best() -> tuple[bool, float]:
-        if np.isfinite(most):
-            return False, most
-        return min(((not c.keeps_limits, c.duration) for c in finished), default=(True, np.inf))
-
-    while waiting:
-        late = deadline.over()
-        # Among ties `min` takes the first candidate of the list.
-        least = min(waiting, key=lambda c: (-c.level * late, hoped(c)))
-        if finished and (late or best() <= hoped(least)):
-            break
-        waiting.remove(least)
-        for candidate in raised(least, best()[1]):
-            if candidate.keeps_limits and least.level in gain:
-                seen = 1.0 - candidate.duration / least.duration
-                gain[least.level] = max(gain[least.level], SPREAD * seen)
-            (finished if candidate.level is Level.FINISHED else waiting).append(candidate)
-    return finished
+        gains = self._gain.items()
+        later = (share for level, share in gains if level >= candidate.level > Level.TIMED)
+        return not candidate.keeps_limits, prod(1.0 - share for share in later) * candidate.duration

@@ -31,7 +31,7 @@ from microbot_ocp.planning.free import (
     with_motion,
 )
 from microbot_ocp.planning.search._problem import MotionProblem
-from microbot_ocp.planning.search._queue import Level, best_first
+from microbot_ocp.planning.search._queue import Level, Queue
 from microbot_ocp.planning.search._search import (
     MotionAnswer,
     MotionSearch,
@@ -39,7 +39,6 @@ from microbot_ocp.planning.search._search import (
     by_promise,
     is_enough,
     slowdown,
-    timed_step,
 )
 from microbot_ocp.planning.search._settings import (
     LEAST_GAIN,
@@ -135,21 +134,19 @@ LAST_DIGITS = "last digits"
 
 def refine(search: MotionSearch, state: SearchState) -> SearchState:
     """Return the state with the most promising answers refined, and the best one finished."""
-    made = list(state.answers)
-    steps = {Level.COARSE: _on_full_mesh, Level.FULL: _split, Level.SPLIT: _finished}
-
-    def raised(answer: MotionAnswer, _: float) -> list[MotionAnswer]:
-        if search.over or made[-1].interrupted or _leads_to_known(answer, made):
-            return []
-        begin = len(made)
-        for step in steps[answer.level](search, answer):
-            made.append(step)
+    queue = Queue(_promising(search, state))
+    for answer in queue:
+        if search.over or state.interrupted or _leads_to_known(answer, state.answers):
+            continue
+        solved, begin = list[MotionAnswer](), time.perf_counter()
+        for step in _raised(search, answer):
+            state = state.and_(step, begin)
+            solved += [step] if step.solved else []
             if search.over or step.interrupted:
                 break
-        return [step for step in made[begin:] if step.solved][-1:]
-
-    best_first(_promising(search, state), raised)
-    return SearchState(tuple(made))
+            begin = time.perf_counter()
+        queue.put(solved[-1:], before=answer)
+    return state
 
 
 def best_of(search: MotionSearch, state: SearchState) -> MotionAnswer:
@@ -173,7 +170,6 @@ def _promising(search: MotionSearch, state: SearchState) -> list[MotionAnswer]:
     return by_promise(state.at(Level.FULL) or [a for a in state.answers if a not in continued])
 
 
-@timed_step
 def resumed(search: MotionSearch, answer: MotionAnswer) -> MotionAnswer:
     """Solve an answer again under other limits, on its own meshes."""
     weight = answer.smoothing
@@ -196,40 +192,34 @@ def _leads_to_known(answer: MotionAnswer, others: Sequence[MotionAnswer]) -> boo
     return answer in full and answer not in by_promise(full)
 
 
-def _on_full_mesh(search: MotionSearch, answer: MotionAnswer) -> Iterator[MotionAnswer]:
-    """Yield a coarse answer solved on a full mesh, with less smoothing if that is better.
+def _raised(search: MotionSearch, answer: MotionAnswer) -> Iterator[MotionAnswer]:
+    """Yield the answers of the steps that raise an answer by one level.
 
-    After a failure the answer stays a coarse one, to be raised by a homotopy in the smoothing, or
-    else by splitting its own intervals.
+    A coarse answer is solved on a full mesh, with less smoothing if that is better. After a failure
+    it stays a coarse one, to be raised by a homotopy in the smoothing, or else by splitting its own
+    intervals.
     """
-    if answer.step == FULL_MESH:
+    if answer.level is Level.SPLIT:
+        yield last_digits(search, answer)
+    elif answer.level is Level.FULL:
+        yield split_where_exceeded(search, answer)
+    elif answer.step == FULL_MESH:
         smoothed = None
         if (within := _within_limits(search, answer)) is not None:
             smoothed = less_and_less_smoothing(search, answer, within)
             yield smoothed
         if smoothed is None or not smoothed.solved:
-            yield from _split(search, answer)
-        return
-    full = to_full_mesh(search, answer)
-    if full.solution is not answer.solution:
-        yield full
-        if full.solved and _smooths_too_much(search, full):
-            yield less_smoothing(search, full)
-    elif search.problem.timed_path is None:  # a coarse motion passes through bodies
-        given = {"solves": full.solves, "seconds": full.seconds}
-        yield replace(answer, before=answer, step=FULL_MESH, **given)
+            yield split_where_exceeded(search, answer)
+    else:
+        full = to_full_mesh(search, answer)
+        if full.solution is not answer.solution:
+            yield full
+            if full.solved and _smooths_too_much(search, full):
+                yield less_smoothing(search, full)
+        elif search.problem.timed_path is None:  # a coarse motion passes through bodies
+            yield replace(answer, before=answer, step=FULL_MESH, solves=full.solves)
 
 
-def _split(search: MotionSearch, answer: MotionAnswer) -> Iterator[MotionAnswer]:
-    yield split_where_exceeded(search, answer)
-
-
-def _finished(search: MotionSearch, answer: MotionAnswer) -> Iterator[MotionAnswer]:
-    if answer.solved:
-        yield last_digits(search, answer)
-
-
-@timed_step
 def to_full_mesh(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
     """Solve on a full mesh, denser where the coarse accelerations change."""
     refiner, before = _going_on(subject), subject.solution
@@ -293,7 +283,6 @@ def _within_limits(search: MotionSearch, answer: MotionAnswer) -> Motion | None:
     return slowed or getattr(search.problem.fallback, "motion", None)
 
 
-@timed_step
 def less_and_less_smoothing(
     search: MotionSearch, subject: MotionAnswer, within: Motion
 ) -> MotionAnswer:
@@ -363,7 +352,6 @@ def _less_smoothed(search: MotionSearch, refiner: Refiner) -> tuple[Refiner, flo
     return replace(refiner, transcription=kernels, settings=usual), weight
 
 
-@timed_step
 def less_smoothing(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
     """Solve with less smoothing on the same mesh; later solves keep the weight."""
     refiner, meshes = _going_on(subject), [phase.mesh for phase in subject.solution.phases]
@@ -377,7 +365,6 @@ def less_smoothing(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
     return _finer(subject, SMOOTHED_LESS, Level.FULL, solution, refiner, **given)
 
 
-@timed_step
 def split_where_exceeded(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
     """Split intervals at switches, and until limits hold between mesh points."""
     refiner, best = _going_on(subject), subject.solution
@@ -406,7 +393,6 @@ def split_where_exceeded(search: MotionSearch, subject: MotionAnswer) -> MotionA
     )
 
 
-@timed_step
 def last_digits(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
     """Solve to the full tolerance.
 
@@ -415,10 +401,12 @@ def last_digits(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
     """
     refiner, solution = _going_on(subject), subject.solution
     tolerance = search.settings.limit_tolerance
-    loose = not solution.gap.total <= tolerance * abs(solution.cost)
     if search.problem.timed_path is None:
-        solution = refiner.finished(solution)
-    elif loose and search.worst(solution) <= tolerance:
+        loose = not refiner.is_finished(solution)
+    else:
+        loose = not solution.gap.total <= tolerance * abs(solution.cost)
+        loose = loose and search.worst(solution) <= tolerance
+    if loose:
         solution = refiner.polished(solution)
     given = {"slowdown": slowdown(search.problem, solution)}
     return _finer(subject, LAST_DIGITS, Level.FINISHED, solution, refiner, **given)

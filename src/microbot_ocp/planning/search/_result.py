@@ -180,8 +180,9 @@ def fastest(
             slack = (duration - shortest) / answer.solution.duration if answer.solved else 0.0
             slack = min(slack, LARGEST_SLACK)
         if slack > 0.0 and keeps_limits(search, answer.solution) and not search.over:
+            start = time.perf_counter()
             calmer = least_effort(search, answer, slack)
-            state, answer = state.and_(calmer.answer), calmer.answer
+            state, answer = state.and_(calmer.answer, start), calmer.answer
         cut = search.over
     spent = time.perf_counter() - begin
     return Fastest(search, state, answer, calmer, spent, cut, duration, shortest)

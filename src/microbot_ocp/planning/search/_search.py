@@ -7,10 +7,9 @@ answers of a search form a :class:`SearchState`, and the ledger has a row for ea
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from functools import wraps
-from typing import Any, Concatenate, ParamSpec
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -33,9 +32,6 @@ from microbot_ocp.planning.task import largest
 
 LARGE_MESH = 5000  # intervals times joints from which slowing down may replace refinement
 
-P = ParamSpec("P")
-
-
 START = "start"  # step of initial guesses that are compared
 
 
@@ -51,7 +47,6 @@ class MotionAnswer:
     smoothing : weight of the squared jerk
     before : answer that the step improved
     solves : records of all its solves
-    seconds : wall time, s
     way : way of the initial guess through the stops
     relaxed : least violation of the limits, if it was solved for
     step : name of the step in the ledger
@@ -65,7 +60,6 @@ class MotionAnswer:
     smoothing: float
     before: MotionAnswer | None = None
     solves: tuple[dict[str, Any], ...] = ()
-    seconds: float = 0.0
     way: Way | None = None
     relaxed: Explanation | None = None
     step: str = ""
@@ -113,9 +107,10 @@ class MotionAnswer:
 
 @dataclass(frozen=True, eq=False)
 class SearchState:
-    """Answers of a search in their order, solved or not."""
+    """Answers of a search in their order, solved or not, and the wall time of each, s."""
 
     answers: tuple[MotionAnswer, ...] = ()
+    seconds: tuple[float, ...] = ()
 
     def at(self, level: Level) -> list[MotionAnswer]:
         """Return the answers of a level."""
@@ -130,9 +125,10 @@ class SearchState:
         """Return the answer of a coarse one on a finer coarse mesh, if it was continued."""
         return next((answer for answer in self.starts if answer.before is subject), None)
 
-    def and_(self, *answers: MotionAnswer) -> SearchState:
-        """Return the state with more answers."""
-        return SearchState((*self.answers, *answers))
+    def and_(self, answer: MotionAnswer, begin: float) -> SearchState:
+        """Return the state with an answer whose step began at ``time.perf_counter()``."""
+        seconds = *self.seconds, time.perf_counter() - begin
+        return SearchState((*self.answers, answer), seconds)
 
     @property
     def interrupted(self) -> bool:
@@ -141,20 +137,6 @@ class SearchState:
 
 
 NOTHING = SearchState()
-
-
-def timed_step(
-    step: Callable[Concatenate[MotionSearch, P], MotionAnswer],
-) -> Callable[Concatenate[MotionSearch, P], MotionAnswer]:
-    """Return a step of a search that records its wall time."""
-
-    @wraps(step)
-    def measured(search: MotionSearch, *given: P.args, **named: P.kwargs) -> MotionAnswer:
-        begin = time.perf_counter()
-        answer = step(search, *given, **named)
-        return replace(answer, seconds=time.perf_counter() - begin)
-
-    return measured
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,10 +188,10 @@ def ledger_of(state: SearchState, last: MotionAnswer) -> Ledger:
     """Return the ledger: one row per answer, with a mark on the lineage of the last one."""
     lineage = set(map(id, last.lineage))
     rows, best = [], None
-    for answer in state.answers:
+    for answer, seconds in zip(state.answers, state.seconds, strict=True):
         cost = answer.solution.duration if answer.solved else best
         iterations = sum(a["iterations"] for solve in answer.solves for a in solve["attempts"])
-        figures = id(answer) in lineage, best, cost, iterations, answer.seconds
+        figures = id(answer) in lineage, best, cost, iterations, seconds
         rows.append(LedgerRow(answer.step, 1, *figures))
         # Each row shows the best duration before and after its step, whichever answer it belongs
         # to.

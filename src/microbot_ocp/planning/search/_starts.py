@@ -7,6 +7,7 @@ a timed path.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -35,7 +36,6 @@ from microbot_ocp.planning.search._search import (
     SearchState,
     by_promise,
     settled,
-    timed_step,
 )
 from microbot_ocp.planning.search._settings import (
     COARSE_MESH,
@@ -48,6 +48,7 @@ from microbot_ocp.planning.search._settings import (
 from microbot_ocp.planning.task import Task, TaskScale, rounded
 from microbot_ocp.trajectories import cubic, spline
 
+KNOWN_WAY, RELAXED = "known way", "relaxed problem"  # steps in the ledger
 COARSE_MESH_SUM = 160  # intervals of all phases of a coarse mesh together
 LEAST_COARSE_MESH = 6  # intervals per phase
 EXPLORING = 0.5  # share of the time limit after which no further start is solved
@@ -92,28 +93,31 @@ def coarse(search: MotionSearch) -> Refiner:
 
 
 def explore(search: MotionSearch, state: SearchState = NOTHING) -> SearchState:
-    """Return the state with coarse answers; if no start is solved, last resorts follow."""
-    if search.problem.timed_path is not None:
-        return state if state.answers else SearchState((from_timed_path(search),))
-    state = compare_starts(search, state)
-    for resort in (from_known_way, from_relaxed):
-        is_solved = any(answer.solved for answer in state.answers)
-        if is_solved or search.over or state.interrupted:
-            break
-        if resort is from_relaxed or search.problem.fallback is not None:
-            state = state.and_(resort(search, nearest(state)))
+    """Return the state with starts solved until another is unlikely to be the best.
+
+    If none is solved, last resorts follow.
+    """
+    while not state.interrupted and (step := _next_step(search, state)) is not None:
+        begin = time.perf_counter()
+        state = state.and_(step(), begin)
     return state
 
 
-def compare_starts(search: MotionSearch, state: SearchState = NOTHING) -> SearchState:
-    """Return the state with starts solved until another is unlikely to be the best."""
-    while not state.interrupted:
-        late = search.over or search.spent > EXPLORING
-        step = None if state.answers and late else next_start(search, state)
-        if step is None:
-            break
-        state = state.and_(step())
-    return state
+def _next_step(search: MotionSearch, state: SearchState) -> Callable[[], MotionAnswer] | None:
+    """Return the next solve on a coarse mesh, or None."""
+    problem, done = search.problem, {answer.step for answer in state.answers}
+    if problem.timed_path is not None:
+        return None if done else partial(from_timed_path, search)
+    late = search.over or search.spent > EXPLORING
+    step = None if done and late else next_start(search, state)
+    is_solved = any(answer.solved for answer in state.answers)
+    if step is not None or is_solved or search.over or problem.for_comparison:
+        return step
+    resorts = {KNOWN_WAY: from_known_way, RELAXED: from_relaxed}
+    if problem.fallback is None:
+        del resorts[KNOWN_WAY]
+    resort = next((step for name, step in resorts.items() if name not in done), None)
+    return resort and partial(resort, search, nearest(state))
 
 
 def sample(state: SearchState) -> list[MotionAnswer]:
@@ -157,7 +161,6 @@ def _start_meshes(search: MotionSearch) -> tuple[int, int]:
     return first, min(2 * first, full_mesh(search))
 
 
-@timed_step
 def from_guess(search: MotionSearch, start: TrialStart, intervals: int) -> MotionAnswer:
     """Solve from an initial guess."""
     refiner, name = coarse(search), start.guess.name
@@ -168,7 +171,6 @@ def from_guess(search: MotionSearch, start: TrialStart, intervals: int) -> Motio
     return _answer(search, name, solution, refiner, way=start.way)
 
 
-@timed_step
 def on_finer_mesh(search: MotionSearch, answer: MotionAnswer, intervals: int) -> MotionAnswer:
     """Solve on a finer coarse mesh from an answer."""
     refiner = replace(coarse(search), rough=COARSE_TOLERANCE, once=True)
@@ -202,7 +204,6 @@ def nearest(state: SearchState) -> MotionAnswer:
     )
 
 
-@timed_step
 def from_known_way(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
     """Solve from a known way with its best timing: limits may be so tight that no guess converges.
 
@@ -217,10 +218,9 @@ def from_known_way(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
         barrier=NEAR_WAY_BARRIER,
     )
     _report(search, way.made_from, solution)
-    return _answer(search, way.made_from, solution, refiner, "known way")
+    return _answer(search, way.made_from, solution, refiner, KNOWN_WAY)
 
 
-@timed_step
 def from_relaxed(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
     """Solve for the least violation of the limits; if it is zero, solve from there.
 
@@ -237,10 +237,9 @@ def from_relaxed(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
         guesses = guesses_from(relaxed)
         solution = refiner.solve(meshes, guesses, tolerance=COARSE_TOLERANCE)
     given = {"way": subject.way, "before": subject, "relaxed": relaxed}
-    return _answer(search, subject.start, solution, refiner, "relaxed problem", **given)
+    return _answer(search, subject.start, solution, refiner, RELAXED, **given)
 
 
-@timed_step
 def from_timed_path(search: MotionSearch) -> MotionAnswer:
     """Solve on a coarse mesh near a timed path; motions far from it may collide."""
     problem, path, refiner = search.problem, search.problem.timed_path, coarse(search)

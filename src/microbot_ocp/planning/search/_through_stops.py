@@ -6,7 +6,7 @@ Via points are stops that are passed at any velocity.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -117,29 +117,26 @@ def fastest_through(
     problem = problem_of(task, settings, duration)
     given = min(usual if settings.time_limit is None else settings.time_limit, deadline.left())
 
-    def found() -> Motion:
+    with settings.within(usual) as limit:
         # Under a short limit the known motion comes first, so that there is something to return.
-        is_short = given < usual and duration is None
-        tried = replace(problem, way=problem.fallback) if is_short else problem
+        if given < usual and duration is None:
+            problem = replace(problem, way=problem.fallback)
         try:
-            with reserving(), deadline.given_up(tried.way is not None):
-                search = search_of(tried, progress)
+            with reserving(), deadline.given_up(problem.way is not None):
+                search = search_of(problem, progress)
         except deadline.Over:
-            assert tried.way is not None
-            return _without_search(tried.way, time.perf_counter() - begin)
-        motion = motion_from(fastest(search, duration=duration))
-        return with_drives_noted(task.robot, motion)
+            assert problem.way is not None
+            motion = _without_search(problem.way, time.perf_counter() - begin)
+        else:
+            motion = with_drives_noted(task.robot, motion_from(fastest(search, duration=duration)))
+        return with_load_noted(motion, limit)
 
-    return in_time(found, settings, usual)
 
-
-def in_time(search: Callable[[], Motion], settings: TimeOptimalSettings, usual: float) -> Motion:
-    """Return the motion of a search, which says so if a busy machine ended it."""
-    with settings.within(usual) as begin:
-        motion = search()
-        if motion.status is Status.TIME_LIMIT and begin.busy:
-            motion = replace(motion, outcome=motion.outcome.and_(remark(begin.busy)))
-    return motion
+def with_load_noted(motion: Motion, limit: deadline.Begin) -> Motion:
+    """Return a motion with a remark if its time limit ended because the machine was busy."""
+    if motion.status is not Status.TIME_LIMIT or not limit.busy:
+        return motion
+    return replace(motion, outcome=motion.outcome.and_(remark(limit.busy)))
 
 
 def problem_of(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import Any, cast
 
 import numpy as np
@@ -17,7 +16,11 @@ from microbot_ocp.ocp.solution import StepProgress, quiet
 from microbot_ocp.planning.search._among_obstacles import stops_among
 from microbot_ocp.planning.search._orders import solve_stops
 from microbot_ocp.planning.search._settings import TimeOptimalSettings
-from microbot_ocp.planning.search._through_stops import SolveRequest, fastest_through, in_time
+from microbot_ocp.planning.search._through_stops import (
+    SolveRequest,
+    fastest_through,
+    with_load_noted,
+)
 from microbot_ocp.planning.task import (
     CELL_TIME_LIMIT,
     TIME_LIMIT,
@@ -158,5 +161,6 @@ def time_optimal(
     )
     if scene is None:
         return with_drives_noted(robot, solve_stops(request), limits)
-    motion = in_time(partial(stops_among, request), chosen, CELL_TIME_LIMIT)
+    with chosen.within(CELL_TIME_LIMIT) as limit:
+        motion = with_load_noted(stops_among(request), limit)
     return with_drives_noted(robot, motion, limits)
