@@ -14,7 +14,7 @@ from microbot_ocp.ocp import OptimalControlProblem
 from microbot_ocp.ocp.mesh import state_errors
 from microbot_ocp.ocp.search import solve
 from microbot_ocp.ocp.solution import Status
-from microbot_ocp.ocp.solvers import SolverSettings
+from microbot_ocp.ocp.solvers import SolveContext, SolverSettings
 from microbot_ocp.ocp.transcription.schemes import SCHEMES
 from microbot_ocp.ocp.verification import judge, verify
 from ocp.textbook import (
@@ -135,18 +135,16 @@ def test_a_finer_mesh_that_is_not_accepted_ends_the_refinement_and_is_shown(monk
 @pytest.mark.parametrize("solves", [1, 2, 3])
 def test_an_interruption_returns_the_last_accepted_solution(monkeypatch, solves):
     """The solver's own answer to Ctrl-C, in the first solve or a later one."""
-    from microbot_ocp.ocp.solvers import _chain, solve_on
-
-    calls = []
+    calls, whole = [], SolveContext.solve
 
     def interrupted(*arguments, **named):
-        made = solve_on(*arguments, **named)
+        made = whole(*arguments, **named)
         calls.append(made)
         if len(calls) < solves:
             return made
         return replace(made, status=Status.INTERRUPTED)
 
-    monkeypatch.setattr(_chain, "solve_on", interrupted)
+    monkeypatch.setattr(SolveContext, "solve", interrupted)
     refined = solved_to(oscillator(), 1e-9, mesh=10)
     assert refined.status is Status.INTERRUPTED
     assert not refined.status.solved

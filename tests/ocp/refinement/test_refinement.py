@@ -6,10 +6,10 @@ from functools import partial
 import numpy as np
 import pytest
 
-from microbot_ocp.ocp.refinement import Refiner, _refiner as refinement, split
+from microbot_ocp.ocp.refinement import Refiner, split
 from microbot_ocp.ocp.search import solve
 from microbot_ocp.ocp.solution import Attempt, PhaseSolution, Solution, Status
-from microbot_ocp.ocp.solvers import SolverSettings
+from microbot_ocp.ocp.solvers import SolveContext, SolverSettings
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from ocp.textbook import bryson_denham
 
@@ -59,11 +59,11 @@ def pretend(monkeypatch):
     def prepare(answers, excess=lambda _: [np.zeros(4)], **options):
         calls = []
 
-        def solve_on(transcription, mesh, guesses, settings, *_, once=False):
-            calls.append((mesh[0] if isinstance(mesh, list) else mesh, guesses, settings))
+        def solve(context, mesh, guesses, *, once=False):
+            calls.append((mesh[0] if isinstance(mesh, list) else mesh, guesses, context.settings))
             return answers[len(calls) - 1]
 
-        monkeypatch.setattr(refinement, "solve_on", solve_on)
+        monkeypatch.setattr(SolveContext, "solve", solve)
         refiner = Refiner(None, lambda s: {"from": s.cost}, excess, 0.01, **options)
         return refiner, calls
 

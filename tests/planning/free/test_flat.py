@@ -13,7 +13,7 @@ from helpers import tells
 from microbot_ocp._base import codegen
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.ocp import SolverSettings
-from microbot_ocp.ocp.solvers import _ldl, solve_on
+from microbot_ocp.ocp.solvers import SolveContext, _ldl
 from microbot_ocp.planning.free import (
     FlatTranscription,
     flat_form,
@@ -28,6 +28,11 @@ from planning.shared import VIA_Q, arm
 
 needs_a_compiler = pytest.mark.skipif(codegen.compiler() is None, reason="there is no C compiler")
 TIGHT = SolverSettings("ipopt", tolerance=1e-8, gap=1e-7)
+
+
+def solve_on(kernels, mesh, guess, settings, **how):
+    """Return the solution of kernels on a mesh, from a guess."""
+    return SolveContext(kernels, settings).solve(mesh, guess, **how)
 
 
 def flat_of(robot, via, payload=False, conditions=None) -> FlatTranscription:

@@ -14,6 +14,7 @@ from microbot_ocp._base import deadline
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.ocp.refinement import _refiner as refinement
 from microbot_ocp.ocp.solution import PhaseSolution, Solution
+from microbot_ocp.ocp.solvers import SolveContext
 from microbot_ocp.planning import TimeOptimalSettings, time_optimal
 from microbot_ocp.planning.free import polynomial, within_limits
 from microbot_ocp.planning.search import _search
@@ -335,14 +336,12 @@ def test_torque_limits_hold_with_friction(friction, allowed):
 
 
 def test_a_motion_that_was_not_solved_says_so(monkeypatch):
-    solve_on = refinement.solve_on
+    whole = SolveContext.solve
 
-    def stopped(transcription, mesh, guess, settings, *how, **named):
-        return solve_on(
-            transcription, mesh, guess, replace(settings, max_iterations=2), *how, **named
-        )
+    def stopped(context, mesh, guess, **how):
+        return whole(context, mesh, guess, **how, max_iterations=2)
 
-    monkeypatch.setattr(refinement, "solve_on", stopped)
+    monkeypatch.setattr(SolveContext, "solve", stopped)
     motion = time_optimal(arm(), ARM_VIA, mesh=20, starts=2)
     assert not motion.solved
     assert motion.status == "iteration limit"

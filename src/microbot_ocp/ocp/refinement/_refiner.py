@@ -20,7 +20,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.mesh import Round, refined
 from microbot_ocp.ocp.solution import Solution, StepProgress, quiet
-from microbot_ocp.ocp.solvers import SolverSettings, solve_on
+from microbot_ocp.ocp.solvers import SolveContext, SolverSettings
 from microbot_ocp.ocp.transcription import Guess, Meshes, MeshLike, Transcription
 
 GuessFrom = Callable[[Solution], Mapping[str, Guess]]
@@ -123,7 +123,8 @@ class Refiner:
         if self.fitted is not None:
             kernels = self.fitted(kernels, mesh, guesses)
         progress = None if self.progress is quiet else self.progress
-        solution = solve_on(kernels, mesh, guesses, settings, progress, once=self.once)
+        context = SolveContext(kernels, settings, progress)
+        solution = context.solve(mesh, guesses, once=self.once)
         entry = {
             "intervals": [phase.mesh.size - 1 for phase in solution.phases],
             "cost": solution.cost,

@@ -4,7 +4,6 @@ from ._chain import (
     SolveContext as SolveContext,
     not_started as not_started,
     run_chain as run_chain,
-    solve_on as solve_on,
     transcribed as transcribed,
     with_cost_scale as with_cost_scale,
 )

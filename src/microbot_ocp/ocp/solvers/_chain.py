@@ -63,68 +63,6 @@ from microbot_ocp.ocp.verification import Thresholds
 UNSURE = (Status.FAILED, Status.INFEASIBLE)  # doubtful without pivoting in the linear solver
 
 
-def solve_on(
-    transcription: Transcription,
-    mesh: Meshes,
-    guess: Given,
-    settings: SolverSettings,
-    progress: Progress | None = None,
-    *,
-    uneven: bool = False,
-    once: bool = False,
-    aimed: bool = False,
-) -> Solution:
-    """Solve on a mesh from a guess, with the solvers of the settings in turn.
-
-    With ``uneven``, a guess that is no solution is displaced from symmetric points. With ``once``,
-    a failed warm start is not followed by a cold start. With ``aimed``, a warm start ends at the
-    barrier parameter of the wanted gap.
-    """
-    start = time.perf_counter()
-    program = transcription.program(mesh)
-    own = getattr(transcription, "starting_point", None)
-    begin = own(program, guess) if own else starting_point(program, transcription.problem, guess)
-    uneven = uneven and not isinstance(guess, Solution)
-    try:
-        with quiet():
-            begin = replace(begin, x=finite_start(program, begin.x, uneven=uneven))
-            redundant: Sequence[str] = ()
-            if not own:
-                program = with_cost_scale(program, begin.x, settings)
-                program, redundant = independent(program, begin.x, settings.tolerance)
-                settings = _aimed(settings, program, begin) if aimed else settings
-    except RuntimeError as problem:
-        return not_started(program, settings, begin, problem)
-    spent = time.perf_counter() - start
-    if own:
-        barriers = warm_barrier(settings, program, begin), last_barrier(program, settings, begin.x)
-        settings = transcription.solver_settings(program, settings, *barriers)  # pyright: ignore
-    how: dict[str, Any] = {"progress": progress, "build_time": spent, "once": once}
-    solution = run_chain(program, settings, begin, **how)
-    return solution.remarked(f"Left out: {'; '.join(redundant)}." if redundant else "")
-
-
-def not_started(
-    program: Program, settings: SolverSettings, start: StartingPoint, problem: RuntimeError
-) -> Solution:
-    """Return a failed solution if a function, such as an integrator, fails at the start."""
-    sentence = f"A function of the problem has no answer at the guess: {first_cause(problem)}"
-    failed = Attempt(settings.chain()[0], Status.FAILED, sentence, 0, np.inf, np.inf, 0.0, 0.0, 0.0)
-    return Solution(
-        status=Status.FAILED,
-        cost=np.inf,
-        phases=unpack(program.layouts, start.x),
-        attempts=(replace(failed, broke_down=True),),
-        row_multipliers=np.zeros(program.row_lower.size),
-        build_time=0.0,
-        variable_multipliers=np.zeros(start.x.size),
-        variables=start.x,
-        settings=settings.as_dict(),
-        start=start,
-        rows=Outcome.of(Status.FAILED).and_(remark(sentence)).advice,
-    )
-
-
 @dataclass(frozen=True, eq=False)
 class SolveContext:
     """A transcription with the settings of its solves.
@@ -150,12 +88,72 @@ class SolveContext:
         guess: Given,
         *,
         uneven: bool = False,
+        once: bool = False,
         aimed: bool = False,
-        **settings: Any,
+        **changes: Any,
     ) -> Solution:
-        """Return the solution on a mesh, with some settings changed."""
-        changed, how = replace(self.settings, **settings), {"uneven": uneven, "aimed": aimed}
-        return solve_on(self.transcription, mesh, guess, changed, self.progress, **how)
+        """Solve on a mesh from a guess, with the solvers of the settings in turn.
+
+        Parameters
+        ----------
+        mesh : int or array of fractions [N+1], or one per phase
+        guess : guesses or Solution
+        uneven : bool
+            True to displace a guess that is no solution from symmetric points.
+        once : bool
+            True if a failed warm start is not followed by a cold start.
+        aimed : bool
+            True if a warm start ends at the barrier parameter of the wanted gap.
+        **changes
+            Settings that replace those of the context.
+        """
+        begin, settings, kernels = time.perf_counter(), self.settings, self.transcription
+        settings = replace(settings, **changes) if changes else settings
+        program = kernels.program(mesh)
+        own = getattr(kernels, "starting_point", None)
+        start = own(program, guess) if own else starting_point(program, kernels.problem, guess)
+        uneven = uneven and not isinstance(guess, Solution)
+        try:
+            with quiet():
+                start = replace(start, x=finite_start(program, start.x, uneven=uneven))
+                redundant: Sequence[str] = ()
+                if not own:
+                    program = with_cost_scale(program, start.x, settings)
+                    program, redundant = independent(program, start.x, settings.tolerance)
+                    settings = _aimed(settings, program, start) if aimed else settings
+        except RuntimeError as problem:
+            return not_started(program, settings, start, problem)
+        spent = time.perf_counter() - begin
+        if own:
+            barriers = (
+                warm_barrier(settings, program, start),
+                last_barrier(program, settings, start.x),
+            )
+            settings = kernels.solver_settings(program, settings, *barriers)  # pyright: ignore
+        how: dict[str, Any] = {"progress": self.progress, "build_time": spent, "once": once}
+        solution = run_chain(program, settings, start, **how)
+        return solution.remarked(f"Left out: {'; '.join(redundant)}." if redundant else "")
+
+
+def not_started(
+    program: Program, settings: SolverSettings, start: StartingPoint, problem: RuntimeError
+) -> Solution:
+    """Return a failed solution if a function, such as an integrator, fails at the start."""
+    sentence = f"A function of the problem has no answer at the guess: {first_cause(problem)}"
+    failed = Attempt(settings.chain()[0], Status.FAILED, sentence, 0, np.inf, np.inf, 0.0, 0.0, 0.0)
+    return Solution(
+        status=Status.FAILED,
+        cost=np.inf,
+        phases=unpack(program.layouts, start.x),
+        attempts=(replace(failed, broke_down=True),),
+        row_multipliers=np.zeros(program.row_lower.size),
+        build_time=0.0,
+        variable_multipliers=np.zeros(start.x.size),
+        variables=start.x,
+        settings=settings.as_dict(),
+        start=start,
+        rows=Outcome.of(Status.FAILED).and_(remark(sentence)).advice,
+    )
 
 
 def transcribed(

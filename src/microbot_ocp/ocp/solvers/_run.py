@@ -84,12 +84,23 @@ class Runner:
             if interrupts.pressed()
             else self._solver(name, variant, watch, left)
         )
-        created = time.perf_counter()
+        created, arguments = time.perf_counter(), arguments_of(self.program, start)
         if isinstance(solver, _Answer):
             answer = solver
+        elif forks:
+            answer = _answered_by_child(solver, arguments, name, watch)
         else:
-            answered = _answered_by_child if forks else _answered
-            answer = answered(solver, arguments_of(self.program, start), name, watch)
+            # IPOPT and the SQP method check for an exception at every evaluation and stop. fatrop
+            # does not check, so an exception would only discard its result.
+            with interrupts.noted(is_raised=name != "fatrop") as interrupted:
+                if watch is not None:
+                    watch.interrupted = interrupted
+                try:
+                    with quiet("stderr"):  # functions that fail at a trial point print their inputs
+                        result = solver(**arguments)
+                    answer = replace(_plain(solver, result), interrupted=interrupted())
+                except (KeyboardInterrupt, RuntimeError) as problem:
+                    answer = _failed(problem, interrupted(), watch)
         refused = answer.broken and self.settings.options.get(name)
         if refused and "option" in answer.broken.lower():
             raise InputError(f"options of {name} were rejected: {answer.broken}")
@@ -192,25 +203,13 @@ def arguments_of(program: Program, start: StartingPoint) -> dict[str, Any]:
     return arguments
 
 
-def _answered(
-    solver: ca.Function, arguments: Mapping[str, Any], name: str, watch: Watch | None
-) -> _Answer:
-    """Return the answer of a solver, and whether Ctrl-C was pressed."""
-    # IPOPT and the SQP method check for an exception at every evaluation and stop. fatrop does not
-    # check, so an exception would only discard its result.
-    with interrupts.noted(is_raised=name != "fatrop") as interrupted:
-        if watch is not None:
-            watch.interrupted = interrupted
-        try:
-            with quiet("stderr"):  # functions that fail at a trial point print their inputs
-                result = solver(**arguments)
-        except (KeyboardInterrupt, RuntimeError) as problem:
-            asked = interrupted() or (watch is not None and watch.stopped)
-            if isinstance(problem, KeyboardInterrupt) and not asked:
-                raise
-            # An exception discards the result of the SQP method.
-            return _Answer(broken="" if asked else first_cause(problem), interrupted=interrupted())
-        return replace(_plain(solver, result), interrupted=interrupted())
+def _failed(problem: BaseException, interrupted: bool, watch: Watch | None) -> _Answer:
+    """Return the answer of a solver that raised an exception; raise one that nobody asked for."""
+    asked = interrupted or (watch is not None and watch.stopped)
+    if isinstance(problem, KeyboardInterrupt) and not asked:
+        raise problem
+    # An exception discards the result of the SQP method.
+    return _Answer(broken="" if asked else first_cause(problem), interrupted=interrupted)
 
 
 def _plain(solver: ca.Function, result: Mapping[str, ca.DM]) -> _Answer:

@@ -30,7 +30,7 @@ from microbot_ocp.ocp.arcs import ArcPlan, PlannedArc, Sample, joined
 from microbot_ocp.ocp.mesh import divide_phase, state_errors
 from microbot_ocp.ocp.problem import OptimalControlProblem, PathConstraint, Phase, Variable
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, cost_size
-from microbot_ocp.ocp.solvers import SolverSettings, solve_on
+from microbot_ocp.ocp.solvers import SolveContext, SolverSettings
 from microbot_ocp.ocp.starts import guess_from, scaled
 from microbot_ocp.ocp.switching._cutter import HIGH_ORDER, LONGEST_ARC
 from microbot_ocp.ocp.transcription import Guess, MeshLike, Transcription
@@ -399,7 +399,7 @@ class _FirstOrderConditions:
         for _ in range(MOST_ROUNDS):
             if deadline.over():
                 raise NotPossibleError("the time limit is reached")
-            solution = solve_on(transcription, meshes, start, SETTINGS)
+            solution = SolveContext(transcription, SETTINGS).solve(meshes, start)
             if solution.status not in (Status.SOLVED, Status.GAP_LEFT):
                 raise NotPossibleError(f"their solve failed: {solution.status}")
             errors = state_errors(solution)

@@ -39,7 +39,7 @@ from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.refinement import CONVERGED
 from microbot_ocp.ocp.search import solve
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, StepProgress, cost_size, quiet
-from microbot_ocp.ocp.solvers import SolverSettings, solve_on
+from microbot_ocp.ocp.solvers import SolveContext, SolverSettings
 from microbot_ocp.ocp.starts import scaled
 from microbot_ocp.ocp.switching._answer import SINGULAR, SwitchingTimes, junctions_of
 from microbot_ocp.ocp.switching._cutter import HIGH_ORDER, cut, is_cuttable
@@ -230,7 +230,8 @@ class _SwitchingSearch:
         if self.transcribed is None or self.transcribed[0] != signatures:
             scaled_problem = scaled(in_arcs.problem, in_arcs.guesses)
             self.transcribed = signatures, self.transcribe(scaled_problem, scheme=HIGH_ORDER)
-        solution = solve_on(self.transcribed[1], in_arcs.meshes, in_arcs.guesses, self.settings)
+        context = SolveContext(self.transcribed[1], self.settings)
+        solution = context.solve(in_arcs.meshes, in_arcs.guesses)
         self.progress(f"{len(in_arcs.meshes)} arcs: cost {solution.cost:.12g}, {solution.status}")
         return ArcSolution(tuple(self.plans), in_arcs.groups, solution)
 
