@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError, naming
 from microbot_ocp._base.codegen import interpreted
-from microbot_ocp._base.outcome import Outcome
 from microbot_ocp._base.status import Status
 from microbot_ocp.limits import (
     JOINT_QUANTITIES,
@@ -27,38 +26,29 @@ from microbot_ocp.limits import (
 )
 from microbot_ocp.motion import DurationLine, Motion, State
 from microbot_ocp.ocp import Solution, SolverSettings
-from microbot_ocp.ocp.refinement import WORSE
 from microbot_ocp.ocp.solution import quiet, unpack
 from microbot_ocp.ocp.starts import with_changes
-from microbot_ocp.ocp.transcription import Guess, Transcription
+from microbot_ocp.ocp.transcription import Transcription
 from microbot_ocp.planning.free import (
     JERK_WEIGHT,
     OF_VARIABLES,
     SMOOTHING,
     FlatTranscription,
+    InitialGuess,
     flat_form,
-    initial_guesses,
-    largest_excess,
     phase_names,
-    polynomial,
     transcription,
-    via_times,
-    within_limits,
 )
-from microbot_ocp.planning.search._chatter import chatter
 from microbot_ocp.planning.search._problem import MotionProblem
 from microbot_ocp.planning.search._queue import Level
 from microbot_ocp.planning.search._refinement import (
     FAR_BARRIER,
-    best_of,
     from_barrier,
-    refine,
     search_of,
 )
-from microbot_ocp.planning.search._result import fastest
-from microbot_ocp.planning.search._search import MotionAnswer, SearchState
-from microbot_ocp.planning.search._settings import COARSE_MESH, TimeOptimalSettings
-from microbot_ocp.planning.search._starts import coarse
+from microbot_ocp.planning.search._result import Fastest, fastest, motion_from
+from microbot_ocp.planning.search._search import NOTHING, START, MotionAnswer
+from microbot_ocp.planning.search._settings import TimeOptimalSettings
 from microbot_ocp.planning.task import (
     LDL,
     TIME_LIMIT,
@@ -67,12 +57,8 @@ from microbot_ocp.planning.task import (
     bounds_in_program,
     check_limits,
     check_via,
-    largest,
     locked_joints,
-    one_remark,
     passing,
-    provenance_of,
-    verdict,
     with_drives_noted,
     with_locked_joints_held,
 )
@@ -84,32 +70,6 @@ REFERENCE_TOLERANCE = 2e-3  # relative excess of limits of the prepared motion b
 
 TOLERANCE = 1e-6  # default of the solver tolerance, relative
 PREPARED = SolverSettings(max_iterations=150, options=LDL)  # a user waits for each solve
-
-
-def _tried(
-    starts: Iterator[tuple[str, Solution | Mapping[str, Guess]]],
-    solve: Callable[[Solution | Mapping[str, Guess]], Solution],
-    search: bool,
-) -> tuple[list[tuple[str, Solution]], str, Solution]:
-    """Return the solves from the starts by name, the name of the best, and the best solution.
-
-    The first converged solve ends the list, unless all starts are to be searched. A solve from a
-    known motion counts only if its duration is near that motion's.
-    """
-    tried: list[tuple[str, Solution]] = []
-    for name, first in starts:
-        solution = solve(first)
-        tried.append((name, solution))
-        led_there = not isinstance(first, Solution) or (
-            abs(solution.duration - first.duration) <= NEAR * first.duration
-        )
-        if (solution.status.solved and led_there and not search) or deadline.over():
-            break
-    best = min(tried, key=lambda pair: (not pair[1].status.solved, pair[1].duration))
-    return tried, *best
-
-
-_Starts = Iterator[tuple[str, Solution | Mapping[str, Guess]]]
 
 
 class _StateAtStart(NamedTuple):
@@ -300,7 +260,6 @@ class TimeOptimalSolver:
         """
         with deadline.within(time_limit):
             limits = with_reserve(self.robot.limits, limits, reserve)
-            begin = time.perf_counter()
             family = check_limits(self.robot.with_payload(payload), limits)
             self._check_kinds(family)
             via, moving = self.via_q, None if start is None else _start_of(family, start)
@@ -315,85 +274,69 @@ class TimeOptimalSolver:
                     f"not {len(via)}"
                 )
             tolerance = moving.tolerance if moving else TimeOptimalSettings.limit_tolerance
-            settings = replace(self._settings, limit_tolerance=tolerance)
-            problem, prepared = MotionProblem.through(family, via, settings), None
+            prepared = None
             if via_q is None and moving is None:
                 prepared = self._own or self._under_own_limits()
-            usual = prepared.smoothing if prepared else SMOOTHING
             # The cost of smoothing must stay below the solver tolerance.
-            smoothing = usual * min(1.0, self._tolerance / TOLERANCE)
-            starts = self._starts(problem, prepared, moving is not None)
-            kernels = self._numbered(problem, float(payload), smoothing, moving)
-            problem = replace(problem, given=kernels)
-            tried, name, answer = self._solved(problem, smoothing, starts, search)
-            solution = answer.solution
+            weight = prepared.smoothing if prepared else SMOOTHING
+            weight *= min(1.0, self._tolerance / TOLERANCE)
+            settings = replace(self._settings, limit_tolerance=tolerance)
+            under_way = moving is not None and bool(moving.state.qd.any())
+            about = {"again": True, "moving": under_way, "weight": weight}
+            problem = MotionProblem.through(family, via, settings, **about)
+            first = None if prepared is None else self._first(problem, prepared.reference)
+            tries = settings.starts + (first is not None)
+            settings = replace(settings, starts=tries if search else 1, tries=tries)
+            kernels = self._numbered(problem, float(payload), moving)
+            problem = replace(problem, given=kernels, first=first, settings=settings)
+            best = self._solved(problem, prepared)
             # Compilation does not pay: an arm with this payload is evaluated once.
             with interpreted() if payload else nullcontext():
-                slowed, outcome, worst = _slowed_down(problem, solution, moving)
-                starts = [
-                    {
-                        "start": first,
-                        "status": str(tries.status),
-                        "duration": tries.duration,
-                        "iterations": sum(a.iterations for a in tries.attempts),
-                    }
-                    for first, tries in tried
-                ]
-                method = "free time-optimal motion, solved again with other numbers"
-                given = worst, time.perf_counter() - begin, answer.smoothing
-                more = {"start": name, "starts": starts, "payload": float(payload)}
-                about = provenance_of(method, family, solution, *given, **more)
-                motion = problem.motion(solution, about)
-            if slowed is not None:
-                motion = replace(slowed, provenance=about, remark="slowed down at limits")
-            if outcome.solved:
-                swings = chatter(family.robot, motion)
-                remarks = one_remark(motion.remark, *(row.sentence for row in swings))
-                motion, outcome = replace(motion, remark=remarks), outcome.and_(*swings)
-            return with_drives_noted(family.robot, motion.ended(outcome))
+                motion = motion_from(best)
+            method = "free time-optimal motion, solved again with other numbers"
+            more = {"method": method, "start": best.answer.start, "payload": float(payload)}
+            motion = replace(motion, provenance={**motion.provenance, **more})
+            return with_drives_noted(family.robot, motion)
 
-    def _solved(
-        self, problem: MotionProblem, smoothing: float, starts: _Starts, search: bool
-    ) -> tuple[list[tuple[str, Solution]], str, MotionAnswer]:
-        """Return the solves on the first mesh, the name of the best start, and its refinement."""
-        how = search_of(problem, quiet)
+    def _solved(self, problem: MotionProblem, prepared: _Prepared | None) -> Fastest:
+        """Return the fastest motion, from the prepared one if that is near."""
+        search = search_of(problem, quiet)
         # A tighter tolerance asks for a proportionally smaller gap.
         exact = min(1.0, self._tolerance / TOLERANCE)
         given: dict[str, Any] = {
             "rounds": self._rounds,
-            "settings": replace(PREPARED, gap=exact * how.refiner.settings.gap),
+            "settings": replace(PREPARED, gap=exact * search.refiner.settings.gap),
             # Slopes need the digits of every solve, and a mesh that does not follow rough ones.
-            "rough": how.refiner.rough if exact == 1.0 else None,
-            "tolerance": min(how.refiner.tolerance, self._tolerance),
+            "rough": search.refiner.rough if exact == 1.0 else None,
+            "tolerance": min(search.refiner.tolerance, self._tolerance),
         }
-        refiner = replace(how.refiner, **given)
-        how = replace(how, refiner=refiner)
-        again, first_solves = replace(refiner, once=True), coarse(how)
+        search = replace(search, refiner=replace(search.refiner, **given))
+        if prepared is None or problem.first is None or problem.first.guesses:
+            return fastest(search)
+        begin, refiner = time.perf_counter(), replace(search.refiner, once=True)
         if not problem.is_flat:
             # The gap of a program with states asks for a second solve.
-            far = from_barrier(again, FAR_BARRIER)
-            again = replace(again, settings=replace(far, gap=np.inf))
-
-        def solve(first: Solution | Mapping[str, Guess]) -> Solution:
-            if isinstance(first, Solution):  # one attempt: the guesses are further ones
-                return again.solve([phase.mesh for phase in first.phases], first)
-            return first_solves.solve(COARSE_MESH, first)
-
-        tried, name, best = _tried(starts, solve, search)
-        level = Level.FULL if name == "prepared" else Level.COARSE
-        solves = *again.history, *first_solves.history
-        given = {"solves": solves, "way": problem.ways[0], "level": level}
-        if level is Level.FULL and problem.is_flat and not problem.kernels().is_stiff:
+            far = from_barrier(refiner, FAR_BARRIER)
+            refiner = replace(refiner, settings=replace(far, gap=np.inf))
+        known = prepared.reference
+        solution = refiner.solve([phase.mesh for phase in known.phases], known)
+        if abs(solution.duration - known.duration) > NEAR * known.duration:
+            solution = replace(solution, status=Status.NOT_ACCEPTED)
+        later = search.refiner
+        if problem.is_flat and not problem.kernels().is_stiff:
             # On a mesh that nearly fits, one exact solve takes less than a rough and a further one.
-            refiner = replace(refiner, rough=None)
-        answer = MotionAnswer(name, best, replace(refiner, history=[]), smoothing, **given)
-        return tried, name, best_of(how, refine(how, SearchState((answer,), (0.0,))))
+            later = replace(later, rough=None)
+        about: dict[str, Any] = {"way": problem.ways[0], "step": START, "level": Level.FULL}
+        about["solves"] = tuple(refiner.history)
+        later = replace(later, history=[])
+        answer = MotionAnswer(problem.first.name, solution, later, problem.smoothing, **about)
+        return fastest(search, NOTHING.and_(answer, begin))
 
     def _numbered(
-        self, problem: MotionProblem, payload: float, smoothing: float, moving: _StateAtStart | None
+        self, problem: MotionProblem, payload: float, moving: _StateAtStart | None
     ) -> Transcription | FlatTranscription:
         """Return the program with the numbers of one call."""
-        numbers = {"payload": payload, JERK_WEIGHT: smoothing}
+        numbers = {"payload": payload, JERK_WEIGHT: problem.smoothing}
         if not isinstance(self._kernels, FlatTranscription):
             changes = self._changes(problem, numbers, moving)
             phases = self._kernels.problem.phases
@@ -511,18 +454,17 @@ class TimeOptimalSolver:
             self._own = prepared
         return prepared
 
-    def _starts(self, problem: MotionProblem, prepared: _Prepared | None, moving: bool) -> _Starts:
-        """Yield the prepared motion, at another speed if the limits are far, and guesses."""
-        if prepared is not None and prepared.reference.status.solved:
-            slower = self._slower(problem.family)
-            if abs(slower - 1.0) <= NEAR:
-                yield "prepared", prepared.reference
-            else:
-                yield "prepared, at another speed", problem.guesses(prepared.reference, slower)
-        count, seed = self._settings.starts, self._settings.seed
-        task = problem.family, problem.via, self._phases, count, seed
-        for start in initial_guesses(*task, moving=moving):
-            yield start.name, start.guesses
+    def _first(self, problem: MotionProblem, reference: Solution) -> InitialGuess | None:
+        """Return the prepared motion, at another speed if the limits are far; None if unsolved.
+
+        The guess has no values if the solution itself is the start.
+        """
+        if not reference.status.solved:
+            return None
+        slower = self._slower(problem.family)
+        if abs(slower - 1.0) <= NEAR:
+            return InitialGuess("prepared", {})
+        return InitialGuess("prepared, at another speed", problem.guesses(reference, slower))
 
     def _changes(
         self, problem: MotionProblem, numbers: Mapping[str, float], moving: _StateAtStart | None
@@ -608,28 +550,6 @@ class TimeOptimalSolver:
         if state["_own"] is not None:
             plain, smoothing = state["_own"]
             self._own = _Prepared(_from_plain(self._kernels, plain), smoothing)
-
-
-def _slowed_down(
-    problem: MotionProblem, solution: Solution, moving: _StateAtStart | None
-) -> tuple[Motion | None, Outcome, float]:
-    """Return the slowed motion if limits need it, the outcome, and the remaining excess.
-
-    The slowdown is accepted up to the usual difference of two meshes; otherwise the first entry is
-    None.
-    """
-    family, excess = problem.family, problem.excess(solution)
-    tolerance = problem.settings.limit_tolerance
-    outcome = verdict(family, solution, excess, tolerance)
-    if outcome.status is Status.LIMITS_EXCEEDED:
-        under_way = moving is not None and bool(moving.state.qd.any())
-        given = polynomial(solution), via_times(solution), tolerance, problem.fast
-        slowed = (
-            within_limits(family, *given, moving=True) if under_way else problem.slowed(solution)
-        )
-        if slowed is not None and slowed.duration <= (1.0 + WORSE) * solution.duration:
-            return slowed, Outcome.of(Status.SOLVED), largest_excess(family, slowed)
-    return None, outcome, largest(excess)
 
 
 def _plain_of(solution: Solution) -> tuple[Any, ...]:

@@ -102,6 +102,14 @@ class MotionProblem:
         Duration of another order of the stops, s, without dwells.
     for_comparison : bool
         Search only as far as needed to compare orders.
+    again : bool
+        True for a task that was solved before under other limits.
+    first : InitialGuess, optional
+        Initial guess before the random ones.
+    moving : bool
+        True if the arm moves at the start.
+    weight : float
+        Usual weight of the squared jerk.
     proved_excess : callable, optional
         Function of a solution whose capsules come too near. It returns the excess of all other
         limits if the links are proved to keep clear, and None otherwise.
@@ -116,6 +124,10 @@ class MotionProblem:
     finer: int = 1
     duration_to_beat: float = np.inf
     for_comparison: bool = False
+    again: bool = False
+    first: InitialGuess | None = None
+    moving: bool = False
+    weight: float = SMOOTHING
     proved_excess: Callable[[Solution], list[FloatArray] | None] | None = None
     _excess: dict[Solution, list[FloatArray]] = field(default_factory=dict)
     _slowed: dict[Solution, Motion | None] = field(default_factory=dict)
@@ -200,7 +212,7 @@ class MotionProblem:
     @property
     def smoothing(self) -> float:
         """Weight of the squared jerk."""
-        return GUIDED_SMOOTHING if self.is_guided_by_rates else SMOOTHING
+        return GUIDED_SMOOTHING if self.is_guided_by_rates else self.weight
 
     def smoothed(self, kernels: Transcription, weight: float) -> Transcription:
         """Return the program with another weight of the squared jerk."""
@@ -232,8 +244,10 @@ class MotionProblem:
     @cached_property
     def _drawn(self) -> tuple[list[InitialGuess], Iterator[InitialGuess]]:
         """Guesses drawn so far, and the iterator of further ones."""
-        most, seed = max(self.settings.starts, self.settings.tries), self.settings.seed
-        return [], initial_guesses(self.family, self.via, self.names, most, seed)
+        drawn = [] if self.first is None else [self.first]
+        most = max(self.settings.starts, self.settings.tries) - len(drawn)
+        given = self.family, self.via, self.names, most, self.settings.seed
+        return drawn, initial_guesses(*given, moving=self.moving)
 
     def guesses(self, solution: Solution, slower: float = 1.0) -> dict[str, Guess]:
         """Return a guess for every phase from a solution, slowed down by a factor."""
@@ -292,6 +306,8 @@ class MotionProblem:
         """Fastest motion known without a search."""
         if self.way is not None or self.timed_path is not None:
             return self.way
+        if self.moving:
+            return None
         if self.is_free:
             return known_ways(self.family, self.via, self.settings.limit_tolerance, self.fast)
         return self._at_rest()
@@ -348,4 +364,5 @@ class MotionProblem:
         jump = np.abs(velocity(inner) - velocity(inner, from_left=True)).max(initial=0.0)
         if not jump <= VIA_TOLERANCE * np.abs(velocity(shape.breaks)).max():
             return None
-        return within_limits(self.family, shape, times, self.settings.limit_tolerance, self.fast)
+        given = self.settings.limit_tolerance, self.fast
+        return within_limits(self.family, shape, times, *given, moving=self.moving)

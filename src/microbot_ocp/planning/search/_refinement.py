@@ -159,7 +159,7 @@ def best_of(search: MotionSearch, state: SearchState) -> MotionAnswer:
 
 
 def _promising(search: MotionSearch, state: SearchState) -> list[MotionAnswer]:
-    """Return the answers on a full mesh, or else those that no finer answer supersedes."""
+    """Return the answers that no finer one supersedes."""
 
     def supersedes(finer: MotionAnswer, coarser: MotionAnswer) -> bool:
         # A coarse motion may be faster by as much as it exceeds its limits between mesh points.
@@ -167,7 +167,7 @@ def _promising(search: MotionSearch, state: SearchState) -> list[MotionAnswer]:
         return finer.solved and finer.duration <= (1.0 + more) * coarser.duration
 
     continued = {a.before for a in state.starts if a.before and supersedes(a, a.before)}
-    return by_promise(state.at(Level.FULL) or [a for a in state.answers if a not in continued])
+    return by_promise([a for a in state.answers if a not in continued])
 
 
 def resumed(search: MotionSearch, answer: MotionAnswer) -> MotionAnswer:

@@ -194,7 +194,8 @@ def motion_from(best: Fastest) -> Motion:
     problem, motion = search.problem, motion_of_answer(best)
     if solution.status is not Status.INTERRUPTED and best.duration is None:
         motion = _known_if_better(best, motion)
-    if problem.is_free and motion.solved and not settled(sample(best.state), search.settings):
+    judged_by_starts = problem.is_free and motion.solved and not problem.again
+    if judged_by_starts and not settled(sample(best.state), search.settings):
         outcome = Outcome.of(deadline.status())
         if next_start(search, best.state) is None:  # more time leads to no further start
             count = len(motion.provenance["starts"])
@@ -268,8 +269,9 @@ def starts_of(state: SearchState, dwell_time: float = 0.0) -> list[dict[str, Any
             "start": answer.start,
             "status": str(answer.solution.status),
             "duration": answer.solution.duration + dwell_time,
+            "iterations": answer.iterations,
         }
-        for answer in state.at(Level.COARSE)
+        for answer in state.answers
         if answer.before is None
     ]
 
@@ -342,7 +344,7 @@ def _outcome_of_known(best: Fastest, motion: Motion, as_fast: bool) -> Outcome:
 def _remark(problem: MotionProblem, start_count: int, optima: Sequence[float]) -> str:
     passed = {2: "", 3: "via point passed at any velocity"}
     via = passed.get(len(problem.via), "via points passed at any velocity")
-    if problem.timed_path is not None:  # the only start
+    if problem.timed_path is not None or problem.again:
         return via
     if not optima:
         return f"none of {start_count} starts led to a motion"

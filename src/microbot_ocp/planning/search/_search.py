@@ -87,6 +87,11 @@ class MotionAnswer:
         return self.solution.status is Status.INTERRUPTED
 
     @property
+    def iterations(self) -> int:
+        """Number of iterations of all its solves."""
+        return sum(a["iterations"] for solve in self.solves for a in solve["attempts"])
+
+    @property
     def is_first(self) -> bool:
         """True for the answer of an initial guess or a timed path."""
         return self.before is None and self.way is not None
@@ -190,8 +195,7 @@ def ledger_of(state: SearchState, last: MotionAnswer) -> Ledger:
     rows, best = [], None
     for answer, seconds in zip(state.answers, state.seconds, strict=True):
         cost = answer.solution.duration if answer.solved else best
-        iterations = sum(a["iterations"] for solve in answer.solves for a in solve["attempts"])
-        figures = id(answer) in lineage, best, cost, iterations, seconds
+        figures = id(answer) in lineage, best, cost, answer.iterations, seconds
         rows.append(LedgerRow(answer.step, 1, *figures))
         # Each row shows the best duration before and after its step, whichever answer it belongs
         # to.

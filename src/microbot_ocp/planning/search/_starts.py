@@ -111,7 +111,7 @@ def _next_step(search: MotionSearch, state: SearchState) -> Callable[[], MotionA
     late = search.over or search.spent > EXPLORING
     step = None if done and late else next_start(search, state)
     is_solved = any(answer.solved for answer in state.answers)
-    if step is not None or is_solved or search.over or problem.for_comparison:
+    if step is not None or is_solved or search.over or problem.for_comparison or problem.again:
         return step
     resorts = {KNOWN_WAY: from_known_way, RELAXED: from_relaxed}
     if problem.fallback is None:
