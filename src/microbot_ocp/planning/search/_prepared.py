@@ -320,7 +320,8 @@ class TimeOptimalSolver:
             refiner = replace(refiner, settings=replace(far, gap=np.inf))
         known = prepared.reference
         solution = refiner.solve([phase.mesh for phase in known.phases], known)
-        if abs(solution.duration - known.duration) > NEAR * known.duration:
+        expected = self._slower(problem.family) * known.duration
+        if abs(solution.duration - expected) > NEAR * expected:
             solution = replace(solution, status=Status.NOT_ACCEPTED)
         later = search.refiner
         if problem.is_flat and not problem.kernels().is_stiff:
