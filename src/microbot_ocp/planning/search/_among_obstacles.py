@@ -61,7 +61,7 @@ from microbot_ocp.planning.search._result import (
     row_of_way,
     taken_first,
 )
-from microbot_ocp.planning.search._settings import reserving
+from microbot_ocp.planning.search._settings import SAME_OPTIMUM, reserving
 from microbot_ocp.planning.search._starts import rest_to_rest, segment_timings
 from microbot_ocp.planning.search._stop_motion import motion_of, places_along, scenes_of, tool_poses
 from microbot_ocp.planning.search._through_stops import Front, SolveRequest
@@ -442,7 +442,7 @@ def _unhindered(task: Task, way: Way, index: int) -> PiecewisePolynomial:
     path = way.paths[index]
     shape = quintic(path, np.linspace(0.0, 1.0, len(path)))
     try:
-        return shortest_duration(task.robots[index], shape, tolerance=1e-3).polynomial
+        return shortest_duration(task.robots[index], shape, tolerance=SAME_OPTIMUM).polynomial
     except InputError:  # no duration keeps all limits
         typical = TaskScale.of(LimitFamily.of(task.payloads[index].on(task.robot)), path)
         return shape.stretched(float(typical.durations.sum()))

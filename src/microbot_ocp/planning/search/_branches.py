@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
 from microbot_ocp._base.status import Status
 from microbot_ocp.inverse_kinematics import (
     IKPath,
@@ -254,7 +254,7 @@ def _within(stop: Stop, solution: IKSolution) -> bool:
     reach = float(np.min(stop.tolerance))
     return (
         solution.position_error <= reach + EXACT_TOLERANCE
-        and solution.orientation_error <= stop.orientation_tolerance + 1e-9
+        and solution.orientation_error <= stop.orientation_tolerance + ROUNDING
     )
 
 
@@ -263,7 +263,7 @@ def _out_of_reach(robot: Robot, stop: Stop, missed: Sequence[IKSolution]) -> str
     beyond = best.position_error - float(np.min(stop.tolerance))
     far = length_text(beyond) if beyond > EXACT_TOLERANCE else ""
     turned = best.orientation_error - stop.orientation_tolerance
-    turn = f"{np.degrees(turned):.3g} deg" if turned > 1e-6 else ""
+    turn = f"{np.degrees(turned):.3g} deg" if turned > EXACT_TOLERANCE else ""
     if best.status is Status.ORIENTATION_MISSED:
         return f"stop {stop.name!r} is reached, but not in its orientation: missed by {turn}"
     names = _held(robot, best.q) if best.status is Status.LIMITS else []
@@ -386,7 +386,7 @@ def _near_line(task: Task, index: int, places: Places, q: FloatArray) -> FloatAr
         return None
     family = task.families[index]
     uses = family.use(MotionSamples.at_rest(path), family.of_order(0)).values()
-    return path if max(float(use.max()) for use in uses) <= 1.0 + 1e-9 else None
+    return path if max(float(use.max()) for use in uses) <= 1.0 + ROUNDING else None
 
 
 def _why(robot: Robot, poses: IKPath) -> tuple[float, str]:
@@ -427,7 +427,7 @@ def _speeds(robot: Robot) -> FloatArray:
 def _near(robot: Robot, q: FloatArray, other: FloatArray) -> FloatArray:
     """Return a pose [n] moved by full turns to be nearest to another, within the limits."""
     turn = 2 * np.pi * robot.whole_turns
-    low, high = robot.limits.q_min - 1e-9, robot.limits.q_max + 1e-9
+    low, high = robot.limits.q_min - ROUNDING, robot.limits.q_max + ROUNDING
     nearest = q + turn * np.round((other - q) / (2 * np.pi))
     best = nearest
     # Only joints outside of their limits are moved by another turn.

@@ -28,7 +28,7 @@ from microbot_ocp.planning.free import joined
 from microbot_ocp.planning.path import LATER, PathTiming, check_path, time_path
 from microbot_ocp.planning.search._guided import is_clear
 from microbot_ocp.planning.search._result import NONE_WITHIN, is_late, returned, too_late
-from microbot_ocp.planning.search._settings import TimeOptimalSettings
+from microbot_ocp.planning.search._settings import SAME_OPTIMUM, TimeOptimalSettings
 from microbot_ocp.planning.task import length_text
 from microbot_ocp.planning.timing import PathTimingSettings, best_timing
 from microbot_ocp.robot import Robot
@@ -198,7 +198,8 @@ def _resting_at_corners(family: LimitFamily, way: Detour) -> Motion | None:
     assert way.corners is not None
     ends = itertools.pairwise(way.corners)
     shapes = [quintic(pair, [0.0, 1.0], np.zeros((2, robot.joint_count))) for pair in ends]
-    rough: dict[str, Any] = {"tolerance": 1e-3, "scan": False}  # the motion is only a fallback
+    # The motion is only a fallback.
+    rough: dict[str, Any] = {"tolerance": SAME_OPTIMUM, "scan": False}
     try:
         scaled = [shortest_duration(robot, path, **rough).polynomial for path in shapes]
     except InputError:  # the path leaves the position limits, or the arm cannot hold a pose

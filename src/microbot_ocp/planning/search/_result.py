@@ -410,8 +410,8 @@ def remark_of_branches(branches: Sequence[dict[str, Any]]) -> str:
     solved = [duration for duration in tried if duration is not None]
     if solved and taken["duration"] is not None:
         longer = 100.0 * (min(solved) / taken["duration"] - 1.0)
-        near = "the next one is about as fast"
-        parts.append(near if longer < 0.05 else f"the next one takes {longer:.1f} % longer")
+        near, more = "is about as fast", f"takes {longer:.1f} % longer"
+        parts.append(f"the next one {more if round(longer, 1) else near}")
     if len(tried) > len(solved):
         parts.append(f"{len(tried) - len(solved)} led to no motion")
     if slow := [entry["at_least"] for entry in others if entry["status"] == LEFT_OUT]:

@@ -135,7 +135,7 @@ def over_stretches(
 ) -> FloatArray:
     """Return torques [N,n], N m (N), of states at times t [N], each of the stretch's own robot."""
     starts = [part.start for part in parts[1:]]
-    which = np.searchsorted(starts, t + 0.1 * JUMP_GAP, side="right")
+    which = np.searchsorted(starts, t + 0.5 * JUMP_GAP, side="right")
     tau = np.empty_like(state.q)
     for k in np.unique(which):
         here = which == k
