@@ -306,7 +306,7 @@ class MotionProblem:
         """Fastest motion known without a search."""
         if self.way is not None or self.timed_path is not None:
             return self.way
-        if self.moving:
+        if self.again:  # it would take longer than the solve
             return None
         if self.is_free:
             return known_ways(self.family, self.via, self.settings.limit_tolerance, self.fast)

@@ -169,7 +169,8 @@ def fastest(
 ) -> Fastest:
     """Return the fastest answer, or one of less effort if a slack or a duration, s, is given."""
     begin, problem = time.perf_counter(), search.problem
-    with reserving() if problem.timed_path is None else nullcontext():
+    keeps_time = problem.timed_path is None and not problem.again
+    with reserving() if keeps_time else nullcontext():
         state = refine(search, explore(search, state or NOTHING))
         answer, calmer = best_of(search, state), None
         # Dwells are not phases of the program.
@@ -311,8 +312,9 @@ def _known(best: Fastest) -> Slowed | None:
     """Return the fastest known motion within the limits."""
     problem, found = best.search.problem, best.answer
     known = [problem.way] if problem.way else []
-    # After the deadline a free solution is not slowed down if a known motion exists.
-    if not (known and problem.is_free and deadline.over()):
+    # After the deadline a free solution is not slowed down if a known motion exists, or if another
+    # call follows.
+    if not ((known or problem.again) and problem.is_free and deadline.over()):
         answers = [found]
         if slowdown(problem, found.solution) > WORSE:
             answers += [a for a in best.state.answers if a.start == found.start]
