@@ -284,12 +284,20 @@ class TimeOptimalSolver:
             under_way = moving is not None and bool(moving.state.qd.any())
             about = {"again": True, "moving": under_way, "weight": weight}
             problem = MotionProblem.through(family, via, settings, **about)
-            first = None if prepared is None else self._first(problem, prepared.reference)
-            tries = settings.starts + (first is not None)
-            settings = replace(settings, starts=tries if search else 1, tries=tries)
+            # The prepared motion, at another speed if the limits are far, is one more start.
+            known = prepared.reference if prepared and prepared.reference.status.solved else None
+            slower = 1.0 if known is None else self._slower(family)
+            near = known if abs(slower - 1.0) <= NEAR else None
+            first = None
+            if known is not None and near is None:
+                guesses = problem.guesses(known, slower)
+                first = InitialGuess("prepared, at another speed", guesses)
+            tries = settings.starts
+            starts = tries + (known is not None) if search else 1
+            settings = replace(settings, starts=starts, tries=tries)
             kernels = self._numbered(problem, float(payload), moving)
             problem = replace(problem, given=kernels, first=first, settings=settings)
-            best = self._solved(problem, prepared)
+            best = self._solved(problem, near, slower)
             # Compilation does not pay: an arm with this payload is evaluated once.
             with interpreted() if payload else nullcontext():
                 motion = motion_from(best)
@@ -298,8 +306,11 @@ class TimeOptimalSolver:
             motion = replace(motion, provenance={**motion.provenance, **more})
             return with_drives_noted(family.robot, motion)
 
-    def _solved(self, problem: MotionProblem, prepared: _Prepared | None) -> Fastest:
-        """Return the fastest motion, from the prepared one if that is near."""
+    def _solved(self, problem: MotionProblem, near: Solution | None, slower: float) -> Fastest:
+        """Return the fastest motion, from a known one if one is near.
+
+        ``slower`` is the ratio of the durations that the limits of both let expect.
+        """
         search = search_of(problem, quiet)
         # A tighter tolerance asks for a proportionally smaller gap.
         exact = min(1.0, self._tolerance / TOLERANCE)
@@ -311,16 +322,15 @@ class TimeOptimalSolver:
             "tolerance": min(search.refiner.tolerance, self._tolerance),
         }
         search = replace(search, refiner=replace(search.refiner, **given))
-        if prepared is None or problem.first is None or problem.first.guesses:
+        if near is None:
             return fastest(search)
         begin, refiner = time.perf_counter(), replace(search.refiner, once=True)
         if not problem.is_flat:
             # The gap of a program with states asks for a second solve.
             far = from_barrier(refiner, FAR_BARRIER)
             refiner = replace(refiner, settings=replace(far, gap=np.inf))
-        known = prepared.reference
-        solution = refiner.solve([phase.mesh for phase in known.phases], known)
-        expected = self._slower(problem.family) * known.duration
+        solution = refiner.solve([phase.mesh for phase in near.phases], near)
+        expected = slower * near.duration
         if abs(solution.duration - expected) > NEAR * expected:
             solution = replace(solution, status=Status.NOT_ACCEPTED)
         later = search.refiner
@@ -330,7 +340,7 @@ class TimeOptimalSolver:
         about: dict[str, Any] = {"way": problem.ways[0], "step": START, "level": Level.FULL}
         about["solves"] = tuple(refiner.history)
         later = replace(later, history=[])
-        answer = MotionAnswer(problem.first.name, solution, later, problem.smoothing, **about)
+        answer = MotionAnswer("prepared", solution, later, problem.smoothing, **about)
         return fastest(search, NOTHING.and_(answer, begin))
 
     def _numbered(
@@ -454,18 +464,6 @@ class TimeOptimalSolver:
         if answer.solved and not deadline.over():
             self._own = prepared
         return prepared
-
-    def _first(self, problem: MotionProblem, reference: Solution) -> InitialGuess | None:
-        """Return the prepared motion, at another speed if the limits are far; None if unsolved.
-
-        The guess has no values if the solution itself is the start.
-        """
-        if not reference.status.solved:
-            return None
-        slower = self._slower(problem.family)
-        if abs(slower - 1.0) <= NEAR:
-            return InitialGuess("prepared", {})
-        return InitialGuess("prepared, at another speed", problem.guesses(reference, slower))
 
     def _changes(
         self, problem: MotionProblem, numbers: Mapping[str, float], moving: _StateAtStart | None

@@ -245,7 +245,9 @@ class MotionProblem:
     def _drawn(self) -> tuple[list[InitialGuess], Iterator[InitialGuess]]:
         """Guesses drawn so far, and the iterator of further ones."""
         drawn = [] if self.first is None else [self.first]
-        most = max(self.settings.starts, self.settings.tries) - len(drawn)
+        # The starts of a task that is solved again include its known motion.
+        tries = self.settings.tries
+        most = tries if self.again else max(self.settings.starts, tries)
         given = self.family, self.via, self.names, most, self.settings.seed
         return drawn, initial_guesses(*given, moving=self.moving)
 

@@ -7,6 +7,7 @@ a timed path.
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -256,7 +257,9 @@ def from_timed_path(search: MotionSearch) -> MotionAnswer:
 def _next_drawn(problem: MotionProblem, state: SearchState) -> TrialStart | None:
     """Return the first guess that was not tried."""
     tried = [answer for answer in state.starts if answer.before is None]
-    guess = problem.drawn(len(tried))
+    names = {answer.start for answer in tried}
+    drawn = map(problem.drawn, itertools.count())
+    guess = next(guess for guess in drawn if guess is None or guess.name not in names)
     if guess is None:
         return None
     # Once a motion is known, another guess is cheaper than a slow solve.
