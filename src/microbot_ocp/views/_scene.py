@@ -191,11 +191,11 @@ def near_limits(
     Values that are not finite are ignored. A bound that varies along the motion is not included: it
     is drawn as a curve.
     """
-    low, high = _data_range(values * display_factor(robot, quantity, joint))
+    low, high = data_range(values * display_factor(robot, quantity, joint))
     bounds = drawn_bounds(robot, limits, quantity, joint)
     lower, upper = (bound if is_near(bound, low, high) else None for bound in bounds)
     drawn = [low, high, *(bound for bound in (lower, upper) if bound is not None)]
-    margin = AXIS_MARGIN * max(max(drawn) - min(drawn), 1e-6)
+    margin = AXIS_MARGIN * (max(drawn) - min(drawn))
     far = [np.nan if bound in drawn else bound for bound in bounds]
     unit = display_unit(robot, quantity, joint)
     if np.isfinite(far).all():
@@ -208,7 +208,8 @@ def near_limits(
     return AxisLimits(lower, upper, axis, text.replace("-", "−"))
 
 
-def _data_range(values: FloatArray) -> tuple[float, float]:
+def data_range(values: FloatArray) -> tuple[float, float]:
+    """Return the least and the largest finite value, apart also for constants or no values."""
     values = values[np.isfinite(values)]
     if not values.size:
         return 0.0, 1.0

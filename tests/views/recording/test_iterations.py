@@ -11,6 +11,7 @@ from reading import read, scalars
 import microbot_ocp as mo
 from helpers import refused
 from microbot_ocp.ocp import OptimalControlProblem, SolverSettings, solve
+from microbot_ocp.views._scene import data_range
 from microbot_ocp.views.live import connected, parse_address, server
 from microbot_ocp.views.live._viewer import end_viewer, start_viewer
 from microbot_ocp.views.recording import phase_curves, record_iterations, rounded
@@ -143,7 +144,7 @@ def test_axes_end_at_round_numbers(low, high, expected):
 
 
 def test_an_axis_of_a_constant_has_some_height():
-    low, high = rounded(3.0, 3.0)
+    low, high = rounded(*data_range(np.full(2, 3.0)))
     assert low <= 3.0 < high
 
 

@@ -21,7 +21,7 @@ from microbot_ocp._base.needed import needed
 from microbot_ocp.limits import quantity_name
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Robot
-from microbot_ocp.views._scene import AXIS_MARGIN
+from microbot_ocp.views._scene import AXIS_MARGIN, data_range
 from microbot_ocp.views._style import LIMIT_LINE, LINE_WIDTH, ROW_HEIGHT, WARNING_COLOR, look
 from microbot_ocp.views.live import InteractiveTask, Setting
 from microbot_ocp.views.plots import SCREEN_DPI, styled
@@ -114,8 +114,9 @@ class LivePlot:
 
 def _range(values: Any, lower: float, upper: float) -> tuple[float, float]:
     """Return the range of an axis: the limits, or more than the values without a limit."""
-    low = lower if np.isfinite(lower) else BEYOND * min(float(values.min()), -1e-3)
-    high = upper if np.isfinite(upper) else BEYOND * max(float(values.max()), 1e-3)
+    low, high = data_range(values)
+    low = lower if np.isfinite(lower) else BEYOND * min(low, 0.0)
+    high = upper if np.isfinite(upper) else BEYOND * max(high, 0.0)
     return (1 + AXIS_MARGIN) * low, (1 + AXIS_MARGIN) * high
 
 

@@ -265,11 +265,9 @@ def _draw_panel(writer: Writer, path: str, times: Times, curve: BoundedCurve) ->
 
     A plot of Rerun shows one value per time, so a whole curve is drawn as a line in a box.
     """
-    finite = curve.values[np.isfinite(curve.values)]
-    low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
-    size, (width, height) = _size(low, high), PANEL_SIZE
-    near = [limit for limit in (curve.lower, curve.upper) if scene.is_near(limit, low, low + size)]
-    bottom, top = rounded(min(low, *near, high), max(high, *near, low))
+    (low, high), (width, height) = scene.data_range(curve.values), PANEL_SIZE
+    near = [limit for limit in (curve.lower, curve.upper) if scene.is_near(limit, low, high)]
+    bottom, top = rounded(min([low, *near]), max([high, *near]))
     end = rounded(0.0, float(curve.t[-1]))[1]
 
     def place(t: FloatArray, values: FloatArray) -> FloatArray:
@@ -291,15 +289,8 @@ def _draw_panel(writer: Writer, path: str, times: Times, curve: BoundedCurve) ->
 
 def rounded(low: float, high: float) -> tuple[float, float]:
     """Return a range with round ends that contains the given range."""
-    size = _size(low, high)
+    size = high - low
     decade = 10.0 ** np.floor(np.log10(size / 4))
     step = next(decade * m for m in (1, 2, 5, 10) if size / (decade * m) <= 5)
     bottom, top = step * np.floor(low / step + ROUNDING), step * np.ceil(high / step - ROUNDING)
-    if top - bottom < step / 2:
-        top = bottom + step
     return float(f"{bottom:.9g}") + 0.0, float(f"{top:.9g}") + 0.0  # no -0.0
-
-
-def _size(low: float, high: float) -> float:
-    """Return the length of a range, with a positive value for a single point."""
-    return max(high - low, 1e-3 * max(abs(low), abs(high)), ROUNDING)
