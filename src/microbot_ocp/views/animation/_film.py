@@ -35,10 +35,10 @@ from microbot_ocp.views.recording import TIME, AnimatedArm, Recording, arcs, sig
 
 FILM_SIZE = (8.0, 4.5)  # width and height of a film, inches
 MARGIN = 0.025  # relative to the size of the frame
-TEXT_LINE = 0.05  # height of a line of text, relative to the frame
+TEXT_LINE = 2 * MARGIN  # height of a line of text, relative to the frame
 PANELS = 0.7  # left edge of the panels in the frame
 # Lower left and upper right of the arms in the frame.
-SPACE_CORNERS = np.array([[MARGIN, 4 * MARGIN], [0.6, 1 - 6 * MARGIN]])
+SPACE_CORNERS = np.array([[MARGIN, 4 * MARGIN], [PANELS - 4 * MARGIN, 1 - 6 * MARGIN]])
 GHOST: dict[str, Any] = {"alpha": 0.5}
 DASHED: Any = (0, (4, 3))
 
@@ -107,7 +107,9 @@ class Film:
 
     def _color(self, arm: AnimatedArm) -> Any:
         """Return the colour of lines and texts, lighter for the dark theme."""
-        return _mixed(arm.look.style.color, "#ffffff", 0.8 if self.theme["paper"] < "#8" else 1.0)
+        dark = self.theme is THEMES["dark"]
+        red, green, blue, _ = arm.look.line_color
+        return (red / 255, green / 255, blue / 255) if dark else arm.look.style.color
 
     def _text(self, x: float, y: float, text: str = "", color: str = "ink", **style: Any) -> Any:
         return self.figure.text(x, y, text, color=self.theme.get(color, color), **style)
@@ -171,7 +173,7 @@ class Film:
         """Set the limits of the axes: the whole motion, and near surroundings."""
         points = np.vstack([link_origins(self.robot, arm.q).reshape(-1, 3) for arm in self.arms])
         flat, depth = self.camera.project(np.vstack([points, self.robot.base[None, :3, 3]]))
-        margin = (0.1 * reach(self.robot) / depth)[:, None]
+        margin = (TORQUE_RING * LINK_RADIUS * reach(self.robot) / depth)[:, None]
         low, high = (flat - margin).min(axis=0), (flat + margin).max(axis=0)
         corners = SPACE_CORNERS.copy()
         if self.still:  # surroundings widen the view by up to a half, below the texts
@@ -335,11 +337,9 @@ class Film:
         end = float(self.solid.times[TIME][-1])
         others = [(float(a.times[TIME][-1]), a.title) for a in self.arms[:-1] if a.title]
         reference, title = min(others, default=(end, ""))
-        percent = (
-            f"{100 * (reference - end) / reference:.0f} % less time ({reference - end:.2f} s) than"
-        )
-        saving = f"{percent}\n{title}"
-        self.saving.set_text(saving if t >= end and reference > end else "")
+        saved = reference - end
+        text = f"{100 * saved / reference:.0f} % less time ({saved:.2f} s) than\n{title}"
+        self.saving.set_text(text if t >= end and saved > 0.0 else "")
 
 
 def _in_lines(name: str) -> str:
