@@ -9,7 +9,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.robot import Robot
-from microbot_ocp.views._scene import link_origins, reach
+from microbot_ocp.views._scene import AXIS_MARGIN, link_origins, reach
 from microbot_ocp.views._solids import Solid, hidden_share
 from microbot_ocp.views._style import LINK_RADIUS, TORQUE_RING
 
@@ -73,10 +73,11 @@ def find_eye(
     is_level = height - headroom < 0.12 * width
     tilt = np.radians(STEEP_EYE_TILT if is_level else EYE_TILT)
     seen = origins[:: max(1, len(origins) // 30), 1:].reshape(-1, 3)  # about 30 poses
-    eyes = []
+    # Arrows, arcs and masses are drawn around the links.
+    around, eyes = 2.0 * TORQUE_RING * LINK_RADIUS * reach(robot), []
     for turn in np.radians([0, -45, 45, -90, 90, -135, 135, 180]):
         turned = np.cos(turn) * towards + np.sin(turn) * np.cross(up, towards)
-        eye = _fitted(robot, points, middle, np.cos(tilt) * turned + np.sin(tilt) * up, up)
+        eye = fitted(points, np.cos(tilt) * turned + np.sin(tilt) * up, up, around)
         hidden = sum(hidden_share(eye.position, p, obstacles) for p in (seen, places) if len(p))
         eyes.append((hidden, eye))
         if eyes[-1][0] <= 0.1:
@@ -84,13 +85,12 @@ def find_eye(
     return min(eyes, key=lambda entry: entry[0])[1]
 
 
-def _fitted(
-    robot: Robot, points: FloatArray, middle: FloatArray, towards: FloatArray, up: FloatArray
-) -> Eye:
+def fitted(points: FloatArray, towards: FloatArray, up: FloatArray, radius: float) -> Eye:
     """Return the closest viewpoint in a direction that has spheres around all points [N,3] in view.
 
-    The spheres are as large as the arrows, arcs and masses that are drawn around the links.
+    ``towards`` [3] is the unit vector from the points to the eye, ``radius`` (m) of the spheres.
     """
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
     axes = Eye(middle + towards, middle, up).axes
     across, above, depth = axes @ (points - middle).T
     centre = [(values.min() + values.max()) / 2 for values in (across, above)]
@@ -98,10 +98,9 @@ def _fitted(
     # A sphere of radius r at a distance a from the axis of view is visible at a depth d if
     # a + r <= d tan(field / 2).
     away = np.maximum(np.abs(above - centre[1]), np.abs(across - centre[0]) / aspect)
-    radius = 2.0 * TORQUE_RING * LINK_RADIUS * reach(robot)
     need = (away + radius) / np.tan(np.radians(FIELD_OF_VIEW) / 2)
     target = middle + centre @ axes[:2]
-    return Eye(target + float((depth + 1.05 * need).max()) * towards, target, up)
+    return Eye(target + float((depth + (1 + AXIS_MARGIN) * need).max()) * towards, target, up)
 
 
 def grid_spacing(robot: Robot) -> float:

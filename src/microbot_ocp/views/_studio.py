@@ -34,6 +34,7 @@ from microbot_ocp.views._style import (
     FIXED,
     FRAME_LENGTH,
     FRAME_RATE,
+    LABEL_HEIGHT,
     LAST_FRAME,
     LINE_RADIUS,
     LINE_WIDTH,
@@ -244,7 +245,7 @@ class Studio(InteractiveTask):
     def _draw_space(self) -> None:
         scene, robot, motion = self._server.scene, self._bare, self._reference
         size, up = reach(robot), upward(robot)
-        eye = find_eye(robot, motion.q, tool_places(robot, self._via_q), 0.1 * size)
+        eye = find_eye(robot, motion.q, tool_places(robot, self._via_q), LABEL_HEIGHT * size)
         scene.set_up_direction(up)
         camera = self._server.initial_camera
         camera.up, camera.position, camera.look_at = eye.up, eye.position, eye.target

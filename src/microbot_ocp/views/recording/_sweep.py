@@ -12,7 +12,7 @@ from microbot_ocp._base.needed import needed
 from microbot_ocp._base.status import Status
 from microbot_ocp.sweeps import Sweep
 from microbot_ocp.views import _palette as palette
-from microbot_ocp.views._eye import Eye
+from microbot_ocp.views._eye import fitted
 from microbot_ocp.views._style import look, rgb
 from microbot_ocp.views.recording._blueprint import eye_controls, folded, text_view
 from microbot_ocp.views.recording._writer import WORLD, file_writer
@@ -31,11 +31,9 @@ def of_sweep(results: Sweep, path: str | Path) -> Path:
     *goals, limit, status = (column[first] for column in results.read(names).values())
     places = np.column_stack(goals)
     placed = np.isfinite(places).all(axis=1)
-    low, high = np.zeros(3), np.ones(3)
-    if placed.any():
-        low, high = places[placed].min(axis=0), places[placed].max(axis=0)
-    middle, width = (low + high) / 2, float(np.max(high - low)) or 1.0
-    eye = Eye(middle + width * np.array([0.95, -1.25, 0.7]), middle, np.eye(3)[2])
+    seen = places[placed] if placed.any() else np.eye(3)
+    radius = 0.012 * (float(np.ptp(seen, axis=0).max()) or 1.0)
+    eye = fitted(seen, np.array([2, -2, 1]) / 3, np.eye(3)[2], radius)
     titles = {
         f"saved_{method}": f"time saved against {method}: 0 % dark, 60 % and more bright"
         for method in results.methods
@@ -47,7 +45,6 @@ def of_sweep(results: Sweep, path: str | Path) -> Path:
     ]
     shares = [3, 1]
     layout = folded(rrb.Vertical(rrb.Tabs(*views), text_view(), row_shares=shares))
-    radius = 0.012 * width
     with file_writer(path, layout) as writer:
         writer.static(WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         writer.summary(results.table())
