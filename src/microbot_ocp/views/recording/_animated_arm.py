@@ -25,7 +25,6 @@ from microbot_ocp.views.recording._writer import (
 
 SAMPLING_RATE = 200.0  # default sampling rate of a recorded arm, Hz
 MOST_SAMPLES = 12_000  # largest default number of samples of all arms: 38 MB for a 7R arm
-GHOST_RADIUS = 0.0165  # link radius of the first ghost, relative to the reach
 GHOST_OPACITY = 110  # opacity of ghosts, 0 to 255
 
 
@@ -54,16 +53,14 @@ class Look:
 
 
 def looks(robot: Robot, styles: Sequence[EntryStyle]) -> list[Look]:
-    """Return the looks of several arms.
+    """Return the looks of several arms; ghosts are thinner, down to half the radius.
 
     Every ghost has another radius, because coincident surfaces flicker.
     """
-    size, thinner = reach(robot), GHOST_RADIUS / 15
+    solid, *ghosts = LINK_RADIUS * reach(robot) * np.linspace(1.0, 0.5, len(styles) + 1)
     return [
-        Look(
-            style, size * (LINK_RADIUS if style.highlighted else GHOST_RADIUS - thinner * min(k, 8))
-        )
-        for k, style in enumerate(styles)
+        Look(style, float(solid if style.highlighted else ghost))
+        for style, ghost in zip(styles, ghosts, strict=True)
     ]
 
 

@@ -10,6 +10,7 @@ from rerun.components import Plane3D
 
 from microbot_ocp.robot import Robot
 from microbot_ocp.views._eye import Eye, grid_spacing, upward
+from microbot_ocp.views._scene import AXIS_MARGIN
 from microbot_ocp.views.recording._writer import MARKS, SUMMARY, TIME, WORLD
 
 
@@ -92,11 +93,11 @@ def labelled_range(low: float, high: float) -> tuple[float, float]:
     if (high - low) / step > 9:
         step *= 10.0
     first, last = step * np.ceil(low / step), step * np.floor(high / step)
-    margin = 0.04 * (high - low)
+    margin = AXIS_MARGIN * (high - low)
     if last > first + step / 2:
         return low, high
     if last < first - step / 2:  # no multiple lies in the range
         return last - margin, first + margin
-    if low - (first - step) < 0.99 * (last + step - high):
+    if low - (first - step) < last + step - high:
         return first - step - margin, high
     return low, last + step + margin

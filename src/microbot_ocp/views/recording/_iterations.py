@@ -87,7 +87,7 @@ class IterationRecorder:
         return {ITERATION: np.array([max(self.count, 0)])}
 
     def _converge(self, iteration: Iteration) -> None:
-        power = np.log10(max(iteration.infeasibility, 1e-16))  # lower end of the axis
+        power = np.log10(max(iteration.infeasibility, np.finfo(float).eps))  # lower end of the axis
         for path, value in ((COST, iteration.cost), (INFEASIBILITY, power)):
             if np.isfinite(value):
                 self.writer.columns(path, self._now, rr.Scalars.columns(scalars=[value]))

@@ -19,7 +19,7 @@ from microbot_ocp.robot import JointLimits, Robot
 from microbot_ocp.views import _palette as palette
 from microbot_ocp.views._eye import upward
 from microbot_ocp.views._scene import SIDES, limit_text, reach, tool_places
-from microbot_ocp.views._style import Color
+from microbot_ocp.views._style import LABEL_HEIGHT, Color
 from microbot_ocp.views.recording._animated_arm import AnimatedArm
 from microbot_ocp.views.recording._writer import MARKS, TIME, Times, Writer, plot_path
 
@@ -225,9 +225,9 @@ def _draw_switches(
     points = rr.Points3D.columns(positions=places, colors=colors)
     writer.columns(path, arm.at(at), points)
     # Only one label at a time, because labels overlap: until the next one or a tenth of the motion.
-    tiny = rr.Points3D.from_fields(radii=[1e-3 * arm.look.radius], show_labels=True)
+    tiny = rr.Points3D.from_fields(radii=[0.0], show_labels=True)
     writer.static(f"{path}/latest", tiny)
-    above = places + 0.05 * reach(robot) * upward(robot)
+    above = places + LABEL_HEIGHT * reach(robot) * upward(robot)
     labels = [switch.text for switch in switches]
     labelled = rr.Points3D.columns(positions=above, colors=colors, labels=labels)
     writer.columns(f"{path}/latest", arm.at(at), labelled)

@@ -22,6 +22,7 @@ from microbot_ocp.views.recording._limits import signed_share
 from microbot_ocp.views.recording._writer import Writer, plot_path
 
 LONGEST_ARROW = 0.3  # longest arrow at a tool, relative to the reach
+THICKNESS = 0.3  # radius of an arrow or arc, in link radii
 
 
 def draw_torques(writer: Writer, robot: Robot, limits: JointLimits, arm: AnimatedArm) -> None:
@@ -35,7 +36,7 @@ def draw_torques(writer: Writer, robot: Robot, limits: JointLimits, arm: Animate
     for joint, kind in enumerate(robot.joint_types):
         path = arm.link(robot.joint_frames[joint], "torque")
         share, at_limit = signed_share(limits, "tau", arm.curves["tau"][:, joint], joint)
-        colors, radii = _share_colors(share, at_limit), np.where(at_limit, 0.5, 0.3) * size
+        colors, radii = _share_colors(share, at_limit), np.where(at_limit, 0.5, THICKNESS) * size
         if kind == "revolute":
             limit = [circle]
             strips = arcs(share, ring).astype(np.float32)
@@ -110,7 +111,7 @@ def draw_arrows(writer: Writer, arms: Sequence[AnimatedArm], kind: Arrows) -> No
         arm.draw_curve(writer, plot_path(kind.quantity), np.linalg.norm(vectors, axis=1))
         if kind.scale:
             color = kind.color if len(arms) == 1 else arm.look.line_color
-            style = rr.Arrows3D.from_fields(radii=[0.35 * arm.look.radius], colors=[color])
+            style = rr.Arrows3D.from_fields(radii=[THICKNESS * arm.look.radius], colors=[color])
             writer.static(arm.tool(kind.name), style)
             lengths = rr.Arrows3D.columns(vectors=kind.scale * vectors)
             writer.columns(arm.tool(kind.name), arm.times, lengths)

@@ -78,8 +78,8 @@ def draw_base(
         writer.frame(f"{WORLD}/target", target)
         writer.static(f"{WORLD}/target", rr.TransformAxes3D(2 * FRAME_LENGTH * size))
     if len(places):
-        alike = np.linalg.norm(places[:, None] - places, axis=2) < 1e-6  # one label for all names
-        labels = [", ".join(compress(names, row)) for row in alike]
+        alike = np.linalg.norm(places[:, None] - places, axis=2) < ROUNDING
+        labels = [", ".join(compress(names, row)) for row in alike]  # one label for all names
         look = {"radii": LINK_RADIUS * size, "colors": [palette.BRIGHT]}
         spheres = rr.Points3D(places, labels=labels, show_labels=True, **look)
         writer.static(f"{WORLD}/places", spheres)
@@ -233,7 +233,7 @@ def draw_labels(
     step = LABEL_HEIGHT * size
     titled = [arm for arm in arms if arm.title]
     for arm in titled:
-        look = {"radii": [1e-3 * arm.look.radius], "colors": [arm.look.line_color]}
+        look = {"radii": [0.0], "colors": [arm.look.line_color]}
         label = rr.Points3D.from_fields(labels=[arm.title], show_labels=True, **look)
         writer.static(arm.tool("label"), label)
     for timeline in (TIME, PROGRESS):
