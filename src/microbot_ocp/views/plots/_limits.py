@@ -145,8 +145,6 @@ def _draw_use(
     axes.axhline(100.0, zorder=4, **LIMIT_LINE)
     axes.axhspan(100.0, top, zorder=1, **BEYOND_LIMIT)
     axes.set_ylim(0.0, top)
-    step = next((step for step in (25, 50, 100) if top <= 5.5 * step), 100 * round(top / 500))
-    axes.set_yticks(sorted({100, *range(0, int(top), step)}))
     axes.set_ylabel(f"{textwrap.fill(member.name, 20)} [%]")
 
 

@@ -332,7 +332,7 @@ def darkened(figure: Figure) -> Iterator[None]:
 def _inverted_greys(colors: Any) -> np.ndarray:
     """Return colours [N,4] with inverted greys: white to near black, black to near white."""
     rgba = to_rgba_array([to_rgba(color) for color in colors])
-    grey = np.ptp(rgba[:, :3], axis=1) < 0.03
+    grey = np.ptp(rgba[:, :3], axis=1) == 0.0
     lightness = rgba[grey, :3].mean(axis=1, keepdims=True)
     rgba[grey, :3] = np.interp(lightness, (0.0, 1.0), (0.92, 0.075))
     return rgba

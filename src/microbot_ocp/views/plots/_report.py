@@ -25,6 +25,7 @@ from microbot_ocp.views._style import (
     LINE_WIDTH,
     PAGE,
     SIDE_BY_SIDE,
+    SMALL_FONT,
     THIN,
     TINY_FONT,
     WARNING_COLOR,
@@ -138,7 +139,7 @@ def _draw_table(axes: Axes, comparison: Comparison, text: str) -> None:
     axes.axis("off")
     axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
     head, *rows = text.splitlines()
-    size = min(TINY_FONT + 0.4, 780 / max(map(len, [head, *rows])))  # largest size that fits
+    size = min(SMALL_FONT, 780 / max(map(len, [head, *rows])))  # largest size that fits
     style: dict[str, Any] = {"family": "DejaVu Sans Mono", "fontsize": size, "va": "center"}
     step = 1.0 / (len(rows) + 1)
     axes.text(MARGIN, 1.0 - step / 2, head, fontweight="bold", **style)
