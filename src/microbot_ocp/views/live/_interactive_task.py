@@ -148,6 +148,6 @@ def _saturated(robot: Robot, motion: Motion) -> str:
     named = [
         f"{name} {100 * share:.0f} %"
         for name, share in zip(robot.joint_names, shares, strict=True)
-        if share >= 0.005
+        if round(100 * share)
     ]
     return f"torque at its limit: {', '.join(named)}" if named else "no torque at its limit"

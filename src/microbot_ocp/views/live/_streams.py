@@ -23,6 +23,7 @@ import rerun as rr
 from microbot_ocp._base.checks import InputError
 from microbot_ocp.views.live._viewer import (
     LOOPBACK,
+    START_TIMEOUT,
     end_viewer,
     free_port,
     keep_open,
@@ -127,7 +128,6 @@ def _url(host: str, port: int) -> str:
     return f"rerun+http://{f'[{host}]' if ':' in host else host}:{port}/proxy"
 
 
-TIMEOUT = 20.0  # s
 DIRECT = build_opener(ProxyHandler({}))  # no proxy: the source is on this machine
 PRECONNECT = re.compile(rb'<link rel="preconnect"[^>]*>')  # policies do not cover preconnect
 
@@ -163,7 +163,7 @@ class _PageCopyHandler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         try:
-            answer = DIRECT.open(self.source + self.path, timeout=TIMEOUT)
+            answer = DIRECT.open(self.source + self.path, timeout=START_TIMEOUT)
         except OSError as problem:  # an HTTPError has the code of the source
             self.send_error(getattr(problem, "code", 502))
             return

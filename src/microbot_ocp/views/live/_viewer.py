@@ -16,7 +16,7 @@ from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.system import OWN_GROUP, end_group
 
 LOOPBACK = "127.0.0.1"
-START_TIMEOUT = 20.0  # s
+START_TIMEOUT = 20.0  # s until the viewer listens, or answers
 END_TIMEOUT = 0.4  # s before the viewer is killed; this process must end within 1 s
 _started: set[subprocess.Popen[Any]] = set()
 
