@@ -10,14 +10,12 @@ import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
-from functools import cache
-from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from cycler import cycler
-from matplotlib import rc_params_from_file, style
+from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import Collection
@@ -52,21 +50,14 @@ def halo(color: str = "white") -> list[Any]:
     return [withStroke(linewidth=2, foreground=color)]
 
 
-@cache
-def style_sheet(name: str) -> Mapping[Any, Any]:
-    """Return the matplotlib settings of a style sheet beside this module."""
-    with as_file(files("microbot_ocp.views.plots") / f"{name}.mplstyle") as path:
-        return rc_params_from_file(path, use_default_template=False)
-
-
-def styled(changes: Mapping[str, Any] | None = None) -> Any:
+def styled(*sheets: str) -> Any:
     """Return a context (or decorator) with the style of this package instead of the user's.
 
-    ``changes`` are further matplotlib settings.
+    ``sheets`` are names of further style sheets beside this module.
     """
-    palette = cycler(color=[color for color, _ in JOINT_LOOKS])
-    settings: dict[Any, Any] = {**style_sheet("figures"), "axes.prop_cycle": palette}
-    return style.context(["default", {**settings, **(changes if changes is not None else {})}])
+    palette: dict[Any, Any] = {"axes.prop_cycle": cycler(color=[color for color, _ in JOINT_LOOKS])}
+    names = [f"{__package__}.{name}" for name in ("figures", *sheets)]
+    return style.context(["default", *names, palette])
 
 
 class _FigureOutput:

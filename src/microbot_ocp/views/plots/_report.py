@@ -37,7 +37,7 @@ from microbot_ocp.views._style import (
 from microbot_ocp.views.plots._curves import draw_panel
 from microbot_ocp.views.plots._limits import saturation
 from microbot_ocp.views.plots._motion import entry_curves
-from microbot_ocp.views.plots._page import new_page, style_sheet, styled, write
+from microbot_ocp.views.plots._page import new_page, styled, write
 from microbot_ocp.views.plots._paths import draw_paths
 from microbot_ocp.views.tables import narrow_table
 
@@ -63,7 +63,7 @@ def report(comparison: Comparison, path: str | Path, *, footer: str | None = Non
     return write(report_figure(comparison, footer=footer), path)
 
 
-@styled(style_sheet("report"))
+@styled("report")
 def report_figure(comparison: Comparison, *, footer: str | None = None) -> Figure:
     """Return the page of :func:`report` as a figure."""
     robot, chosen = comparison.robot, main_methods(comparison)
