@@ -37,11 +37,8 @@ def comparison_report(comparison: Comparison, path: str | Path) -> Path:
     """Write a comparison as one HTML file, with a film of its fastest motion."""
     robot, reference = comparison.robot, comparison.reference
     times = {name: motion.duration for name, motion in comparison.motions.items()}
-    certified = [
-        name
-        for name, certificate in comparison.certificates.items()
-        if certificate.ok and comparison.motions[name].solved
-    ]
+    proofs = comparison.certificates.items()
+    certified = [name for name, proof in proofs if proof.ok and comparison.motions[name].solved]
     sentences = [
         f"The arm {robot.name} goes through {len(comparison.via_q)} poses, from rest to rest."
     ]
@@ -111,9 +108,8 @@ def cell_report(cell: Cell, path: str | Path) -> Path:
         for mark, dwell, load in zip(motion.marks, cell.task.dwells, [*carried, ""], strict=True)
     ]
     head = ["stop", "reached [s]", "rest [s]", "payload afterwards [kg]"]
-    film = _film(lambda to: cell.export(to, RATE))
     sections = {
-        "The motion": film,
+        "The motion": _film(lambda to: cell.export(to, RATE)),
         "Stops": Table.of_text(head, stops)._repr_html_(),
         "Curves and limits": _figure(cell.plot(), "Curves over time"),
         "Verification": _verdicts([("certificate", cell.certificate.verdict)]),

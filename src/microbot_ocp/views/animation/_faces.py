@@ -13,7 +13,7 @@ from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp.robot import Capsule, Robot, Shape, TriangleMesh
 from microbot_ocp.views import _palette as palette
 from microbot_ocp.views._eye import Eye
-from microbot_ocp.views._scene import link_poses, reach
+from microbot_ocp.views._scene import reach
 from microbot_ocp.views._solids import Solid, Tube, capsule_solid, drawn_geometry, joint_solid
 from microbot_ocp.views._style import FRAME_LENGTH, LINE_RADIUS, LINK_RADIUS, Color
 
@@ -65,13 +65,6 @@ class Camera:
         flat, depth = self.project(faces.corners[seen])
         order = np.argsort(-depth.mean(axis=1), kind="stable")
         return flat[order], (faces.colors[seen] * bright[:, None])[order]
-
-
-def arm_faces(robot: Robot, q: FloatArray, link: Color, joint: Color) -> Faces:
-    """Return the faces of an arm in the pose q [n]."""
-    poses = link_poses(robot, q[None])[0]
-    bodies = arm_bodies(robot, poses, link, joint)
-    return joined([faces.placed(poses[frame]) for frame, faces in bodies])
 
 
 def arm_bodies(

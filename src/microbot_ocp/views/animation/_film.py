@@ -25,7 +25,7 @@ from microbot_ocp.views.animation._faces import (
     LONGEST_EDGE,
     Camera,
     Faces,
-    arm_faces,
+    arm_bodies,
     joined,
     solid_faces,
     tube_faces,
@@ -266,7 +266,10 @@ class Film:
             _bytes(_mixed(color, self.theme["paper"], share))
             for color in (self._color(arm), self.theme["joint"])
         )
-        bodies = [arm_faces(self.robot, _at(arm, t), link, joint)]
+        q = _at(arm, t)
+        poses = link_poses(self.robot, q[None])[0]
+        frames = arm_bodies(self.robot, poses, link, joint)
+        bodies = [faces.placed(poses[frame]) for frame, faces in frames]
         if arm is self.solid:
             bodies += [*self.still, *self._parts(t)]
         polygons, colors = self.camera.picture(joined(bodies))
@@ -275,7 +278,7 @@ class Film:
         self.bodies[place].set_edgecolors(colors)
         self.trails[place].set_data(*self.ways[place][arm.times[TIME] <= t].T)
         if arm is self.solid:
-            points = link_origins(self.robot, _at(arm, t)[None])[0][1:]
+            points = poses[1:, :3, 3]
             self.spine.set_data(*self.camera.project(points)[0].T)
             below = points - np.outer((points - self.base) @ self.up, self.up)
             self.shadow.set_segments([self.camera.project(below)[0]])

@@ -136,10 +136,9 @@ def _write_gif(path: Path, frames: Iterator[np.ndarray], rate: float, colors: in
     ends = np.rint(100.0 * np.arange(1, len(reduced) + 1) / rate).astype(int)
     durations = 10 * np.diff(ends, prepend=0)
     durations[-1] += int(1000 * LAST_FRAME)
-    first, *rest = reduced
-    first.save(
-        path, format="GIF", save_all=True, append_images=rest, duration=durations.tolist(), loop=0,
-        optimize=False, disposal=1,
+    reduced[0].save(
+        path, format="GIF", save_all=True, append_images=reduced[1:], duration=durations.tolist(),
+        loop=0, optimize=False, disposal=1,
     )  # fmt: skip
 
 

@@ -35,6 +35,7 @@ from microbot_ocp.views._style import (
 from microbot_ocp.views.plots._page import AxesGrid, Page, axes_page, halo, styled
 
 PASSED = "via point passed"
+DOT: dict[str, Any] = {"marker": "o", "linestyle": "none", "markeredgecolor": "white"}
 OWN_LIMIT: dict[str, Any] = {"linestyle": ":"}  # limit of a single curve
 CORNER: Any = {"xy": (1.0, 1.0), "xycoords": "axes fraction", "textcoords": "offset points"}
 PLAIN = ("q", "qd", "qdd", "tau", "error")  # quantities of every robot, also without limits
@@ -284,23 +285,17 @@ def draw_panel(
             columns.append(bound)
         if len(curve.passages):
             places = np.interp(curve.passages, curve.t, values * factor)
-            _mark(axes, curve.passages, places, line["color"], 4, 5 + line["zorder"] / 10)
+            dot = {"color": line["color"], "markersize": 4, "zorder": 5 + line["zorder"] / 10}
+            axes.plot(curve.passages, places, label="_via", **DOT, **dot)
     if via is not None and quantity == "q":
         columns.append(via[1][:, joint])
-        _mark(axes, via[0], via[1][:, joint] * factor, "black", 6, 6, label="_via point")
+        dot = {"color": "black", "markersize": 6, "zorder": 6}
+        axes.plot(via[0], via[1][:, joint] * factor, label="_via point", **DOT, **dot)
     values = np.concatenate(columns)
     axes.margins(x=0.015)
     _draw_limits(axes, scene.near_limits(robot, limits, quantity, joint, values))
     if quantity == "tau":
         _draw_saturation(axes, curves, joint, limits, base)
-
-
-def _mark(
-    axes: Axes, t: Any, values: FloatArray, color: str, size: float, order: float,
-    label: str = "_via",
-) -> None:  # fmt: skip
-    look = {"color": color, "markersize": size, "markeredgecolor": "white", "zorder": order}
-    axes.plot(t, values, "o", label=label, **look)
 
 
 def _draw_saturation(
