@@ -25,30 +25,15 @@ from microbot_ocp.robot import Robot, joint_scale
 from microbot_ocp.scene import rotation_to
 from microbot_ocp.tasks import read_task
 from microbot_ocp.trajectories import best_cubic, best_lspb
-from microbot_ocp.views import _palette as palette
+from microbot_ocp.views import _palette as palette, _style as style
 from microbot_ocp.views._eye import find_eye, grid_spacing, upward
 from microbot_ocp.views._scene import AXIS_MARGIN, link_poses, reach, tool_places
-from microbot_ocp.views._style import (
-    BALL_RADIUS,
-    BOUND_COLOR,
-    FIXED,
-    FRAME_LENGTH,
-    FRAME_RATE,
-    LABEL_HEIGHT,
-    LAST_FRAME,
-    LINE_RADIUS,
-    LINE_WIDTH,
-    LINK_RADIUS,
-    PREFERRED,
-    look,
-    rgb,
-)
 from microbot_ocp.views.animation import Faces, arm_bodies
 from microbot_ocp.views.live import LOOPBACK, InteractiveTask, NewestOnly, Setting
 from microbot_ocp.views.recording import signed_share
 
 CHARTS = {"tau": "torque, % of its limit", "qd": "velocity, % of its limit"}
-LINK, JOINT = (*rgb(FIXED[PREFERRED][0]), 255), palette.NEUTRAL
+LINK, JOINT = (*style.rgb(style.FIXED[style.PREFERRED][0]), 255), palette.NEUTRAL
 SAMPLES = 400  # samples per curve: more than the pixels of a chart, few enough for one message
 FREE = 6  # joints from which on a dragged via point keeps its orientation and can be rotated
 
@@ -127,6 +112,7 @@ class Studio(InteractiveTask):
         # No refinement rounds: a user waits, and slowing down costs at most 0.03 % more time.
         super().__init__(robot, via_q, rounds=0)
         self._via_q, self._lock = self._solver.via_q.copy(), threading.RLock()
+        self._free = robot.joint_count >= FREE
         self._turns, self._drags = viser.transforms.SO3, NewestOnly(self._follow)
         with redirect_stdout(io.StringIO()):  # viser prints addresses
             self._server = viser.ViserServer(LOOPBACK, port, f"{robot.name} studio", verbose=False)
@@ -200,8 +186,8 @@ class Studio(InteractiveTask):
 
     def _follow(self, dragged: _Dragged) -> None:
         """Solve the inverse kinematics of a dragged via point, or show why it has no solution."""
-        place, free = dragged.place, self._bare.joint_count >= FREE
-        turn = self._turns(dragged.quaternion).as_matrix() if free else None
+        place = dragged.place
+        turn = self._turns(dragged.quaternion).as_matrix() if self._free else None
         with self._lock:
             pose = solve_ik(self._bare, dragged.position, turn, seed=self._via_q[place])
             if pose.solved:
@@ -221,7 +207,7 @@ class Studio(InteractiveTask):
         pose = link_poses(self._bare, self._via_q[[place]])[0, -1:]
         with self._server.atomic():
             self._grips[place].position = pose[0, :3, 3]
-            if self._bare.joint_count >= FREE:
+            if self._free:
                 self._grips[place].wxyz = self._quaternions(pose)[0]
 
     def _quaternions(self, poses: FloatArray) -> FloatArray:
@@ -229,14 +215,15 @@ class Studio(InteractiveTask):
 
     def _chart(self, title: str) -> Any:
         names, highest = self._bare.joint_names, 100.0 * (1.0 + AXIS_MARGIN)
-        bound = {"stroke": BOUND_COLOR, "dash": [6, 4], "width": LINE_WIDTH, "label": "limit"}
+        dashed = {"stroke": style.BOUND_COLOR, "dash": [6, 4], "width": style.LINE_WIDTH}
+        limits = [dashed | {"label": side} for side in ("limit", "lower limit")]
         curves = [
-            {"stroke": look(joint, joints=True)["color"], "width": 2, "label": name}
+            {"stroke": style.look(joint, joints=True)["color"], "width": 2, "label": name}
             for joint, name in enumerate(names)
         ]
         return self._server.gui.add_uplot(
             tuple([np.zeros(2)] * (len(names) + 3)),
-            ({"label": "t [s]"}, bound, {**bound, "label": "lower limit"}, *curves),
+            ({"label": "t [s]"}, *limits, *curves),
             title=title,
             scales={"x": {"time": False}, "y": {"range": (-highest, highest)}},
             aspect=1.5,
@@ -245,7 +232,7 @@ class Studio(InteractiveTask):
     def _draw_space(self) -> None:
         scene, robot, motion = self._server.scene, self._bare, self._reference
         size, up = reach(robot), upward(robot)
-        eye = find_eye(robot, motion.q, tool_places(robot, self._via_q), LABEL_HEIGHT * size)
+        eye = find_eye(robot, motion.q, tool_places(robot, self._via_q), style.LABEL_HEIGHT * size)
         scene.set_up_direction(up)
         camera = self._server.initial_camera
         camera.up, camera.position, camera.look_at = eye.up, eye.position, eye.target
@@ -261,10 +248,11 @@ class Studio(InteractiveTask):
             self._add_body(f"/arm/{frame}/{place}", faces)
         self._grips = []
         for place in range(len(self._via_q)):
-            fixed = {"disable_rotations": robot.joint_count < FREE}
-            grip = scene.add_transform_controls(f"/via/{place}", 2 * FRAME_LENGTH * size, **fixed)
+            grip = scene.add_transform_controls(
+                f"/via/{place}", 2 * style.FRAME_LENGTH * size, disable_rotations=not self._free
+            )
             self._grips.append(grip)
-            radius, color = BALL_RADIUS * LINK_RADIUS * size, palette.PART[:3]
+            radius, color = style.BALL_RADIUS * style.LINK_RADIUS * size, palette.PART[:3]
             scene.add_icosphere(f"{grip.name}/ball", radius, color=color)
             scene.add_label(f"{grip.name}/name", f"via point {place + 1}")
             self._put(place)
@@ -291,10 +279,10 @@ class Studio(InteractiveTask):
 
     def _play(self) -> None:
         begin = time.monotonic()
-        while not self._closed.wait(1.0 / FRAME_RATE):
+        while not self._closed.wait(1.0 / style.FRAME_RATE):
             motion = self.motion
             if motion is not None and self._server.get_clients():
-                t = (time.monotonic() - begin) % (motion.duration + LAST_FRAME)
+                t = (time.monotonic() - begin) % (motion.duration + style.LAST_FRAME)
                 self._place(motion.sample(min(t, motion.duration)).q[0])
 
     def _show(self, setting: Setting) -> None:
@@ -309,7 +297,7 @@ class Studio(InteractiveTask):
             return
         chosen = np.unique(np.linspace(0, len(motion.t) - 1, SAMPLES).astype(int))
         t, tool = motion.t[chosen], tool_places(robot, motion.q[chosen])
-        limit, thin = np.full(t.shape, 100.0), LINE_RADIUS * reach(robot)
+        limit, thin = np.full(t.shape, 100.0), style.LINE_RADIUS * reach(robot)
         with self._server.atomic():
             ends = np.stack([tool[:-1], tool[1:]], axis=1)
             scene.add_line_segments("/trail", ends, palette.MOTION[:3], thickness=thin)

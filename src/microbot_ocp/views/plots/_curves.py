@@ -18,26 +18,15 @@ from microbot_ocp.limits import AT_LIMIT, LimitFamily, limit_history, quantity_n
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Robot
 from microbot_ocp.simulation import Simulation, Tracking
-from microbot_ocp.views import _scene as scene
-from microbot_ocp.views._style import (
-    BEYOND_LIMIT,
-    FIGURE_WIDTH,
-    LIMIT_COLOR,
-    LIMIT_LINE,
-    LINE_WIDTH,
-    PAGE,
-    ROW_HEIGHT,
-    SIDE_BY_SIDE,
-    SMALL_FONT,
-    LineStyle,
-    look,
-)
+from microbot_ocp.views import _scene as scene, _style as style
 from microbot_ocp.views.plots._page import AxesGrid, Page, axes_page, halo, styled
 
 PASSED = "via point passed"
 DOT: dict[str, Any] = {"marker": "o", "linestyle": "none", "markeredgecolor": "white"}
 OWN_LIMIT: dict[str, Any] = {"linestyle": ":"}  # limit of a single curve
-CORNER: Any = {"xy": (1.0, 1.0), "xycoords": "axes fraction", "textcoords": "offset points"}
+# Note at the right edge of a panel.
+NOTE: Any = {"xycoords": "axes fraction", "textcoords": "offset points", "ha": "right"}
+NOTE |= {"fontsize": style.SMALL_FONT, "color": style.LIMIT_COLOR}
 PLAIN = ("q", "qd", "qdd", "tau", "error")  # quantities of every robot, also without limits
 
 
@@ -72,7 +61,7 @@ class Curve:
     t: FloatArray
     values: Mapping[str, FloatArray] = field(default_factory=dict)
     color: str | None = None
-    linestyle: LineStyle | None = None
+    linestyle: style.LineStyle | None = None
     passages: Sequence[float] = ()
     prominent: bool = False
     warning: str = ""
@@ -238,11 +227,11 @@ def _shown_joints(robot: Robot, joints: Sequence[int] | None) -> list[int]:
 
 def _page(axes: GivenAxes | None, rows: int, joints: int, title: str) -> Page:
     """Return axes [rows, joints], laid out with a column per joint, or a row if they are many."""
-    (width, height), many = PAGE, joints > SIDE_BY_SIDE
+    (width, height), many, panels = style.PAGE, joints > style.SIDE_BY_SIDE, style.ROW_HEIGHT * rows
     if many:
-        size = (max(width, ROW_HEIGHT * rows), height)
+        size = (max(width, panels), height)
     else:
-        size = (width if joints == 1 else height, min(FIGURE_WIDTH, ROW_HEIGHT * rows + 1))
+        size = (width if joints == 1 else height, min(style.FIGURE_WIDTH, panels + 1))
     return axes_page(axes, rows, joints, size=size, title=title, transposed=many, sharex=True)
 
 
@@ -280,8 +269,8 @@ def draw_panel(
         columns.append(values)
         axes.plot(curve.t, values * factor, label=curve.label, **line)
         for bound in (table[:, joint] for table in curve.bounds.get(quantity, ())):
-            style = {**OWN_LIMIT, "color": line["color"], "label": "_own limit"}
-            axes.plot(curve.t, bound * factor, **style)
+            own = {**OWN_LIMIT, "color": line["color"], "label": "_own limit"}
+            axes.plot(curve.t, bound * factor, **own)
             columns.append(bound)
         if len(curve.passages):
             places = np.interp(curve.passages, curve.t, values * factor)
@@ -311,17 +300,17 @@ def _draw_saturation(
                 axes.axhline(bound[joint], color=color, zorder=2, label="_own limit", **OWN_LIMIT)
         for start, end in curve.saturated(joint):
             top, share = 1.0 - shaded.index(place) / len(shaded), 1.0 / len(shaded)
-            shade = BEYOND_LIMIT | {"facecolor": color, "label": "_saturated"}
+            shade = style.BEYOND_LIMIT | {"facecolor": color, "label": "_saturated"}
             axes.axvspan(start, end, top - share, top, zorder=2, **shade)
 
 
 def line_of(curve: Curve, place: int, base: bool = False) -> dict[str, Any]:
     """Return the line style of the curve with an index ``place``."""
-    line = look(place)
+    line = style.look(place)
     return {
         "color": curve.color or line["color"],
         "linestyle": curve.linestyle or line["linestyle"],
-        "linewidth": 3 if base and not place else LINE_WIDTH * (1 + curve.prominent / 2),
+        "linewidth": 3 if base and not place else style.LINE_WIDTH * (1 + curve.prominent / 2),
         "zorder": 3 + curve.prominent + place / 100,
     }
 
@@ -331,22 +320,20 @@ def _draw_limits(axes: Axes, limits: scene.AxisLimits) -> None:
     axes.set_ylim(*limits.axis)
     for limit, edge in zip((limits.lower, limits.upper), limits.axis, strict=True):
         if limit is not None:
-            axes.axhline(limit, zorder=2, **LIMIT_LINE)
-            axes.axhspan(*sorted((limit, edge)), zorder=1, **BEYOND_LIMIT)
+            axes.axhline(limit, zorder=2, **style.LIMIT_LINE)
+            axes.axhspan(*sorted((limit, edge)), zorder=1, **style.BEYOND_LIMIT)
     if limits.far:
-        note = {"fontsize": SMALL_FONT, "color": LIMIT_COLOR, "ha": "right", "va": "bottom"}
         below = limits.far.startswith("lower")  # the upper edge has the line of the upper limit
-        place = CORNER | {"xy": (1.0, 0.0), "path_effects": halo()} if below else CORNER
-        axes.annotate(limits.far, xytext=(-2, 2), **place, **note)
+        place: Any = {"xy": (1.0, 0.0), "path_effects": halo()} if below else {"xy": (1.0, 1.0)}
+        axes.annotate(limits.far, xytext=(-2, 2), va="bottom", **place, **NOTE)
 
 
 def _cut(axes: Axes, bound: float) -> None:
     low, high = axes.get_ylim()
     if low < -bound or high > bound:
         axes.set_ylim(max(low, -bound), min(high, bound))
-        note = {"fontsize": SMALL_FONT, "color": LIMIT_COLOR, "ha": "right", "va": "top"}
-        text = "curves go on beyond"
-        axes.annotate(text, xytext=(-3, -3), path_effects=halo(), **CORNER, **note)
+        place: Any = {"xytext": (-3, -3), "va": "top", "path_effects": halo()}
+        axes.annotate("curves go on beyond", (1.0, 1.0), **place, **NOTE)
 
 
 def _name_of(robot: Robot, quantity: str, symbols: bool) -> str:
@@ -360,7 +347,7 @@ def _label_panels(
     page: Page, robot: Robot, quantities: Sequence[str], joints: Sequence[int], symbols: bool
 ) -> None:
     """Label the panels (only the first of a row if labels are equal) and name the joints."""
-    grid, many = page.axes, len(joints) > SIDE_BY_SIDE and page.is_new
+    grid, many = page.axes, len(joints) > style.SIDE_BY_SIDE and page.is_new
     named = False
     for row, quantity in zip(grid, quantities, strict=True):
         of_joints = scene.of_joints(robot, quantity)
@@ -394,14 +381,14 @@ def _handles(curves: Sequence[Curve], marked: bool, page: Page) -> list[Any]:
         handles.append(Line2D([], [], label=PASSED, **dot))
     if "_limit" in drawn:
         handles.append(limit_handle())
-        handles.append(Patch(label="beyond a limit", **BEYOND_LIMIT))
+        handles.append(Patch(label="beyond a limit", **style.BEYOND_LIMIT))
     if "_own limit" in drawn:
         text = "limit of the curve of its colour"
-        handles.append(Line2D([], [], color=LIMIT_COLOR, label=text, **OWN_LIMIT))
+        handles.append(Line2D([], [], color=style.LIMIT_COLOR, label=text, **OWN_LIMIT))
     patches = [patch for panel in page.axes.flat for patch in panel.patches]
     shades = {p.get_facecolor() for p in patches if p.get_label() == "_saturated"}
     if shades:
-        color = shades.pop() if len(shades) == 1 else ("0.4", BEYOND_LIMIT["alpha"])
+        color = shades.pop() if len(shades) == 1 else ("0.4", style.BEYOND_LIMIT["alpha"])
         whose = "" if len(curves) == 1 else ", of the curve of its colour"
         handles.append(Patch(facecolor=color, label=f"{scene.limit_text('torque', 0)}{whose}"))
     return handles
@@ -409,4 +396,4 @@ def _handles(curves: Sequence[Curve], marked: bool, page: Page) -> list[Any]:
 
 def limit_handle() -> Line2D:
     """Return the legend entry of a limit."""
-    return Line2D([], [], **{**LIMIT_LINE, "label": "limit"})
+    return Line2D([], [], **{**style.LIMIT_LINE, "label": "limit"})

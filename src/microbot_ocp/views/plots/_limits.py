@@ -19,23 +19,8 @@ from microbot_ocp.limits import LimitFamily, LimitHistory, limit_history
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import JointLimits, Limits, Robot
 from microbot_ocp.tasks import Comparison
-from microbot_ocp.views import _scene as scene
+from microbot_ocp.views import _scene as scene, _style as style
 from microbot_ocp.views._scene import AXIS_MARGIN
-from microbot_ocp.views._style import (
-    BEYOND_LIMIT,
-    FIGURE_WIDTH,
-    FURTHER_LIMIT_COLORS,
-    LIMIT_COLOR,
-    LIMIT_COLORS,
-    LIMIT_LINE,
-    ROW_HEIGHT,
-    SMALL_FONT,
-    THIN,
-    TINY_FONT,
-    entry_title,
-    failures,
-    look,
-)
 from microbot_ocp.views.plots._curves import limit_handle
 from microbot_ocp.views.plots._page import AxesGrid, axes_page, styled
 
@@ -44,8 +29,8 @@ LANE_HEIGHT = 0.24  # height of the lane of one joint, inches
 # Bars of the saturation chart: upper limits are plain, lower limits hatched; the bar of the torque
 # is the highest, the bar of the velocity thin.
 HEIGHTS = {"taud": 0.5, "qdd": 0.5, "qddd": 0.5, "qd": 0.25}
-JUMP_LINE: dict[str, Any] = {"color": LIMIT_COLOR, "linestyle": ":", "linewidth": 2.0}
-SWITCH_LINE: dict[str, Any] = {"color": "0.55", **THIN}
+JUMP_LINE: dict[str, Any] = {"color": style.LIMIT_COLOR, "linestyle": ":", "linewidth": 2.0}
+SWITCH_LINE: dict[str, Any] = {"color": "0.55", **style.THIN}
 
 
 @styled()
@@ -90,7 +75,7 @@ def limit_use(
         raise InputError("limits must bound something: this robot has none")
     for quantity in shown:
         checks.one_of("quantity with a limit", quantity, history.use)
-    size = (FIGURE_WIDTH, ROW_HEIGHT * len(shown) + 1)
+    size = (style.FIGURE_WIDTH, style.ROW_HEIGHT * len(shown) + 1)
     title = f"{robot.name}, {motion.label}: use of the limits"
     page = axes_page(axes, len(shown), 1, size=size, title=title, sharex=True)
     switches = sorted({t for s in history.spells("tau") for t in (s.start, s.end)})
@@ -103,7 +88,7 @@ def limit_use(
     page.axes[-1, 0].set_xlabel("t [s]")
     of_joints = any(scene.of_joints(history.family.robot, key) for key in shown)
     handles: list[Any] = [
-        Line2D([], [], label=name, **look(joint, joints=True))
+        Line2D([], [], label=name, **style.look(joint, joints=True))
         for joint, name in enumerate(robot.joint_names if of_joints else ())
     ]
     handles.append(limit_handle())
@@ -132,18 +117,18 @@ def _draw_use(
     drawn = np.where(np.isfinite(share), np.maximum(share, 0.0), np.nan)
     member, of_joints = history.family[quantity], scene.of_joints(history.family.robot, quantity)
     for joint, label in enumerate(member.labels):
-        line = look(joint, joints=True)
+        line = style.look(joint, joints=True)
         line["color"] = line["color"] if of_joints else "black"
         axes.plot(history.t, drawn[:, joint], zorder=3 + joint / 100, label=label, **line)
     if not of_joints and len(member.labels) > 1:
-        axes.legend(loc="best", fontsize=SMALL_FONT)
+        axes.legend(loc="best", fontsize=style.SMALL_FONT)
     for time in switches:
         axes.axvline(time, zorder=2, label="_switch", **SWITCH_LINE)
     for time in jumps:
         axes.axvline(time, zorder=5, label="_jump", **JUMP_LINE)
     top = max(125.0, (1.0 + AXIS_MARGIN) * float(np.nanmax(drawn)))
-    axes.axhline(100.0, zorder=4, **LIMIT_LINE)
-    axes.axhspan(100.0, top, zorder=1, **BEYOND_LIMIT)
+    axes.axhline(100.0, zorder=4, **style.LIMIT_LINE)
+    axes.axhspan(100.0, top, zorder=1, **style.BEYOND_LIMIT)
     axes.set_ylim(0.0, top)
     axes.set_ylabel(f"{textwrap.fill(member.name, 20)} [%]")
 
@@ -187,8 +172,8 @@ def saturation(
     if isinstance(subject, Comparison):
         names = [e.name for e in subject.entries] if methods is None else list(methods)
         chosen = [subject[name] for name in names]
-        motions = {entry_title(entry): entry.motion for entry in chosen if entry.motion}
-        warnings = list(failures(subject, names))
+        motions = {style.entry_title(entry): entry.motion for entry in chosen if entry.motion}
+        warnings = list(style.failures(subject, names))
         robot, limits = subject.robot, subject.limits
     elif robot is None:
         raise InputError("robot must be given with a mapping of motions")
@@ -202,12 +187,12 @@ def saturation(
     lane_of = {key: lane for lane, key in enumerate(titles, robot.joint_count)}
     names = [*robot.joint_names, *titles.values()]
     lanes = len(motions) * len(names)
-    size = (FIGURE_WIDTH, LANE_HEIGHT * (lanes + len(motions)) + 2)
+    size = (style.FIGURE_WIDTH, LANE_HEIGHT * (lanes + len(motions)) + 2)
     page = axes_page(axes, 1, 1, size=size, title=f"{robot.name}: quantities at their limits")
     panel: Axes = page.axes[0, 0]
     ticks, kinds = [], set()
     longest = max((motion.duration for motion in motions.values()), default=1.0)
-    font = SMALL_FONT if page.is_new else TINY_FONT
+    font = style.SMALL_FONT if page.is_new else style.TINY_FONT
     for place, (label, motion) in enumerate(motions.items()):
         first = place * (len(names) + 1)
         rows = range(first, first + len(names))
@@ -216,9 +201,9 @@ def saturation(
         for spell in limit_history(robot, motion, limits).every_spell():
             quantity, thin = spell.quantity, spell.quantity == "qd"
             lane = first + lane_of.get((quantity, spell.joint), spell.joint)
-            style = {"height": HEIGHTS.get(quantity, 0.8), "zorder": 3 if thin else 2}
-            style |= _face(family, quantity, spell.side)
-            panel.barh(lane, spell.end - spell.start, left=spell.start, label="_spell", **style)
+            bar = {"height": HEIGHTS.get(quantity, 0.8), "zorder": 3 if thin else 2}
+            bar |= _face(family, quantity, spell.side)
+            panel.barh(lane, spell.end - spell.start, left=spell.start, label="_spell", **bar)
             kinds.add((quantity, 0 if thin else spell.side))
         panel.annotate(
             f"{label}, {motion.duration:.3f} s", (0.0, first - 0.5), ha="left", va="bottom",
@@ -230,7 +215,7 @@ def saturation(
     panel.grid(axis="y", visible=False)
     panel.tick_params(axis="y", length=0, labelsize=font)
     panel.set_xlabel("t [s]")
-    kinds = sorted(kinds, key=lambda kind: (kind[0] in LIMIT_COLORS, *kind), reverse=True)
+    kinds = sorted(kinds, key=lambda kind: (kind[0] in style.LIMIT_COLORS, *kind), reverse=True)
     patches = [
         Patch(label=scene.limit_text(family[q].name, s), **_face(family, q, s)) for q, s in kinds
     ]
@@ -239,8 +224,9 @@ def saturation(
 
 
 def _face(family: LimitFamily, quantity: str, side: int) -> dict[str, Any]:
-    further = [key for key in family.keys if key != "q" and key not in LIMIT_COLORS]
-    color = (LIMIT_COLORS | dict(zip(further, cycle(FURTHER_LIMIT_COLORS), strict=False)))[quantity]
+    further = [key for key in family.keys if key != "q" and key not in style.LIMIT_COLORS]
+    colors = dict(zip(further, cycle(style.FURTHER_LIMIT_COLORS), strict=False))
+    color = (style.LIMIT_COLORS | colors)[quantity]
     if quantity == "qd":
         return {"facecolor": color, "edgecolor": "black", "linewidth": 0.5}
     plain = {"facecolor": color, "edgecolor": color, "linewidth": 0.5}

@@ -16,15 +16,7 @@ from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
 from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.robot import Robot
 from microbot_ocp.tasks import Comparison
-from microbot_ocp.views import _scene as scene
-from microbot_ocp.views._style import (
-    LANDSCAPE,
-    LINE_WIDTH,
-    EntryStyle,
-    entry_styles,
-    failures,
-    look,
-)
+from microbot_ocp.views import _scene as scene, _style as style
 from microbot_ocp.views.plots._motion import legend_title
 from microbot_ocp.views.plots._page import (
     AxesGrid,
@@ -63,7 +55,7 @@ def paths(comparison: Comparison, axes: GivenAxes | None = None) -> AxesGrid:
     space, above, side = page.axes.flat
     _draw_in_space(space, comparison)
     draw_paths(above, side, comparison)
-    styles = entry_styles(comparison)
+    styles = style.entry_styles(comparison)
     handles = [
         Line2D([], [], label=legend_title(entry, motion), **_path_line(styles[entry.name]))
         for entry, motion in scene.solved_entries(comparison)
@@ -72,7 +64,7 @@ def paths(comparison: Comparison, axes: GivenAxes | None = None) -> AxesGrid:
         Line2D([], [], marker="o", color="black", linestyle="none", label="via point"),
         Line2D([], [], marker="o", color="0.6", linewidth=3, label="arm at the first, last point"),
     ]
-    page.legend(handles, 4, failures(comparison))
+    page.legend(handles, 4, style.failures(comparison))
     return page.axes
 
 
@@ -95,11 +87,11 @@ def draw_paths(
 
 def _page(comparison: Comparison, axes: GivenAxes | None) -> Page:
     if axes is not None:
-        page = axes_page(axes, 1, 3, size=LANDSCAPE)
+        page = axes_page(axes, 1, 3, size=style.LANDSCAPE)
         if not isinstance(page.axes[0, 0], Axes3D):
             raise InputError("axes must begin with three-dimensional ones, projection='3d'")
         return page
-    figure = new_page(LANDSCAPE, f"{comparison.robot.name}: tool paths")
+    figure = new_page(style.LANDSCAPE, f"{comparison.robot.name}: tool paths")
     grid = figure.add_gridspec(2, 2, width_ratios=(4, 3))
     space = figure.add_subplot(grid[:, 0], axes_class=ShownAxes3D)
     above, side = (figure.add_subplot(grid[row, 1], axes_class=ShownAxes) for row in (0, 1))
@@ -114,13 +106,13 @@ def has_vertical_waist(comparison: Comparison) -> bool:
     return bool(along and upright) and robot.joint_types[0] == "revolute"
 
 
-def _path_line(style: EntryStyle) -> dict[str, Any]:
+def _path_line(entry: style.EntryStyle) -> dict[str, Any]:
     """Return the line style of a path: wide for the highlighted path, thin above it otherwise."""
     return {
-        "color": style.color,
-        "linestyle": style.linestyle,
-        "linewidth": LINE_WIDTH * (1 + style.highlighted),
-        "zorder": 2 if style.highlighted else 3,
+        "color": entry.color,
+        "linestyle": entry.linestyle,
+        "linewidth": style.LINE_WIDTH * (1 + entry.highlighted),
+        "zorder": 2 if entry.highlighted else 3,
     }
 
 
@@ -144,16 +136,16 @@ def _draw(
     axes: Any, comparison: Comparison, project: Projection, methods: Sequence[str] | None
 ) -> FloatArray:
     """Draw the arm at both ends, tool paths and via points; return the via points [m,2 or 3]."""
-    robot, styles, via_q = comparison.robot, entry_styles(comparison), comparison.via_q
+    robot, styles, via_q = comparison.robot, style.entry_styles(comparison), comparison.via_q
     gray = {"color": "0.75", "linewidth": 3, "marker": "o", "zorder": 1, "label": "_arm"}
     ends = via_q[[0, -1]]
     for arm in project(robot, ends, scene.link_origins(robot, ends)):
         axes.plot(*arm.T, **gray)
     for entry, motion in scene.solved_entries(comparison):
         if methods is None or entry.name in methods:
-            style = styles[entry.name]
+            drawn = styles[entry.name]
             tool = project(robot, motion.q, scene.tool_places(robot, motion.q))
-            axes.plot(*tool.T, label=style.title, **_path_line(style))
+            axes.plot(*tool.T, label=drawn.title, **_path_line(drawn))
     vias = project(robot, via_q, scene.tool_places(robot, via_q))
     axes.plot(*vias.T, "o", color="black", markersize=6, zorder=7, label="_via")
     return vias
@@ -170,8 +162,8 @@ def _draw_projection(
     ceiling = drawn.max() - 0.15 * np.ptp(drawn)  # numbers above it would overlap the title
     for number, place in enumerate(vias.tolist(), start=1):
         offset: Any = (6, -13 if place[1] > ceiling else 5)
-        style = {"textcoords": "offset points", "path_effects": halo(), **NUMBER}
-        axes.annotate(str(number), place, xytext=offset, **style)
+        note = {"textcoords": "offset points", "path_effects": halo(), **NUMBER}
+        axes.annotate(str(number), place, xytext=offset, **note)
 
 
 def _draw_in_space(axes: Any, comparison: Comparison) -> None:
@@ -245,13 +237,13 @@ def arms(
     drawn_arms = scene.link_origins(robot, q)
     point = None if target is None else checks.array("target", target, (3,), "m")
     space = {"axes_class": ShownAxes3D}
-    page = axes_page(axes, 1, 1, size=LANDSCAPE, title=title or robot.name, subplot_kw=space)
+    page = axes_page(axes, 1, 1, size=style.LANDSCAPE, title=title or robot.name, subplot_kw=space)
     panel: Any = page.axes[0, 0]
     if not isinstance(panel, Axes3D):
         raise InputError("axes must be three-dimensional, projection='3d'")
     alike = np.abs(drawn_arms[:, None] - drawn_arms).max(axis=(2, 3)) < 1e-3 * scene.reach(robot)
     for place, (label, arm) in enumerate(zip(poses, drawn_arms, strict=True)):
-        line = look(place)
+        line = style.look(place)
         if not alike[place, :place].any():  # an arm over a coincident one stays dashed
             line["linestyle"] = "solid"
         hidden = int(alike[place, place + 1 :].sum())  # number of coincident arms above

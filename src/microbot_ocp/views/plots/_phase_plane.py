@@ -16,14 +16,8 @@ from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.planning import PhasePlane, phase_plane as make_plane
 from microbot_ocp.planning.path import PathLimit
 from microbot_ocp.robot import Robot
+from microbot_ocp.views import _style as style
 from microbot_ocp.views._scene import limit_text
-from microbot_ocp.views._style import (
-    BEYOND_LIMIT,
-    LANDSCAPE,
-    LINE_WIDTH,
-    WARNING_COLOR,
-    look,
-)
 from microbot_ocp.views.plots._page import axes_page, halo, styled
 
 FURTHER: dict[str, Any] = {"color": "black", "linestyle": (0.0, (8.0, 1.0, 2.0, 1.0))}
@@ -77,7 +71,7 @@ def phase_plane(
         plane = make_plane(robot, plane)
     duration = f", {plane.duration:.3f} s" if plane.feasible else ""
     title = title or f"{robot.name}: phase plane of the path{duration}"
-    page = axes_page(axes, 1, 1, size=LANDSCAPE, title=title)
+    page = axes_page(axes, 1, 1, size=style.LANDSCAPE, title=title)
     panel: Axes = page.axes[0, 0]
     top = _top(plane)
     handles = _draw_bounds(panel, robot, plane, top)
@@ -87,11 +81,11 @@ def phase_plane(
     panel.set_xlabel(f"path parameter s [{unit}]" if unit else "path parameter s")
     panel.set_ylabel(f"ds/dt [{unit or 1}/s]")
     if not plane.feasible:
-        panel.axvline(plane.blocked_at, color=WARNING_COLOR, linewidth=LINE_WIDTH)
+        panel.axvline(plane.blocked_at, color=style.WARNING_COLOR, linewidth=style.LINE_WIDTH)
         text = f"not solved: the end cannot be reached from s = {plane.blocked_at:.4g}"
         corner: dict[str, Any] = {"xytext": (6, -6), "textcoords": "offset points", "va": "top"}
         corner |= {"xy": (0, 1), "xycoords": "axes fraction"}
-        panel.annotate(text, color=WARNING_COLOR, path_effects=halo(), **corner)
+        panel.annotate(text, color=style.WARNING_COLOR, path_effects=halo(), **corner)
     page.legend(handles, 3)
     return panel
 
@@ -128,14 +122,14 @@ def _top(plane: PhasePlane) -> float:
 def _draw_bounds(axes: Axes, robot: Robot, plane: PhasePlane, top: float) -> list[Any]:
     s, far = plane.s, 10.0 * top
     for low, high in ((np.minimum(plane.bound, far), far), (0.0, plane.least)):
-        axes.fill_between(s, low, high, zorder=1, **BEYOND_LIMIT)
-    handles: list[Any] = [Patch(label="inadmissible", **BEYOND_LIMIT)]
+        axes.fill_between(s, low, high, zorder=1, **style.BEYOND_LIMIT)
+    handles: list[Any] = [Patch(label="inadmissible", **style.BEYOND_LIMIT)]
     whose = "velocity limits" if (plane.velocity_joint < 0).any() else "joint velocity limits"
     black: dict[str, Any] = {"color": "black", "label": "maximum-velocity curve (torque)"}
     dashed: dict[str, Any] = {"color": "0.35", "label": whose, "linestyle": (0.0, (6.0, 2.0))}
-    for bound, style in ((plane.torque_bound, black), (plane.velocity_bound, dashed)):
+    for bound, line in ((plane.torque_bound, black), (plane.velocity_bound, dashed)):
         if np.isfinite(bound).any():
-            handles += axes.plot(s, np.minimum(bound, far), zorder=2, **style)
+            handles += axes.plot(s, np.minimum(bound, far), zorder=2, **line)
     _name_velocity_limits(axes, robot, plane, top)
     return handles
 
@@ -153,19 +147,19 @@ def _name_velocity_limits(axes: Axes, robot: Robot, plane: PhasePlane, top: floa
             continue
         middle = inside[inside.size // 2]
         place = (s[middle], value[middle])
-        style = {"fontsize": "small", "color": "0.35", "path_effects": halo(), "zorder": 5}
-        axes.annotate(robot.joint_names[joints[first]], place, **above, **style)
+        font = {"fontsize": "small", "color": "0.35", "path_effects": halo(), "zorder": 5}
+        axes.annotate(robot.joint_names[joints[first]], place, **above, **font)
 
 
 def _draw_profile(axes: Axes, robot: Robot, plane: PhasePlane) -> list[Any]:
     handles: dict[str, Any] = {}
     for arc in plane.arcs:
-        line = {**limit_look(arc.limit), "linewidth": 2 * LINE_WIDTH}
+        line = {**limit_look(arc.limit), "linewidth": 2 * style.LINE_WIDTH}
         # At a stop s has two samples: take the one on the side of this arc.
         first = int(np.searchsorted(plane.s, arc.start, side="right")) - 1
         last = int(np.searchsorted(plane.s, arc.end, side="left")) + 1
         s, speed = plane.s[first:last], plane.speed[first:last]
-        axes.plot(s, speed, color="white", linewidth=3 * LINE_WIDTH, zorder=3)
+        axes.plot(s, speed, color="white", linewidth=3 * style.LINE_WIDTH, zorder=3)
         axes.plot(s, speed, **line, zorder=4, solid_capstyle="butt")
         name = limit_name(robot, arc.limit)
         handles.setdefault(name, Line2D([], [], label=name, **line))
@@ -182,4 +176,4 @@ def limit_look(limit: PathLimit | None) -> dict[str, Any]:
         return {"color": "0.4", "linestyle": "solid"}
     if (limit.quantity, limit.side) not in DASHES:
         return FURTHER
-    return look(limit.joint, joints=True) | {"linestyle": DASHES[limit.quantity, limit.side]}
+    return style.look(limit.joint, joints=True) | {"linestyle": DASHES[limit.quantity, limit.side]}

@@ -20,20 +20,7 @@ from microbot_ocp._base.table import Table
 from microbot_ocp.limits import JOINT_QUANTITIES, LimitFamily, limit_history, quantity_name
 from microbot_ocp.robot import Robot
 from microbot_ocp.tasks import Comparison
-from microbot_ocp.views import _scene as scene
-from microbot_ocp.views._style import (
-    LINE_WIDTH,
-    PAGE,
-    SIDE_BY_SIDE,
-    SMALL_FONT,
-    THIN,
-    TINY_FONT,
-    WARNING_COLOR,
-    entry_styles,
-    entry_title,
-    failure_sentence,
-    main_methods,
-)
+from microbot_ocp.views import _scene as scene, _style as style
 from microbot_ocp.views.plots._curves import draw_panel
 from microbot_ocp.views.plots._limits import saturation
 from microbot_ocp.views.plots._motion import entry_curves
@@ -66,7 +53,7 @@ def report(comparison: Comparison, path: str | Path, *, footer: str | None = Non
 @styled("report")
 def report_figure(comparison: Comparison, *, footer: str | None = None) -> Figure:
     """Return the page of :func:`report` as a figure."""
-    robot, chosen = comparison.robot, main_methods(comparison)
+    robot, chosen = comparison.robot, style.main_methods(comparison)
     table = narrow_table(comparison)
     task, closing = _task_text(comparison, table), _closing_text(comparison, table)
     lanes = len(chosen) * (robot.joint_count + 1) + 1
@@ -79,7 +66,7 @@ def report_figure(comparison: Comparison, *, footer: str | None = None) -> Figur
         max(1.0, min(2.6, 0.135 * lanes + 0.5)),
         0.125 * (closing.count("\n") + 2),
     )
-    figure = new_page(PAGE)
+    figure = new_page(style.PAGE)
     figure.set_layout_engine("constrained", rect=(MARGIN, MARGIN, 1 - 2 * MARGIN, 1 - 2 * MARGIN))
     grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
     # The heading is a row of the grid: the layout puts a suptitle outside of the margins.
@@ -98,17 +85,17 @@ def report_figure(comparison: Comparison, *, footer: str | None = None) -> Figur
     if legend := panel.get_legend():
         legend.set_loc("lower right")
         for text in legend.get_texts():
-            text.set_fontsize(TINY_FONT)
+            text.set_fontsize(style.TINY_FONT)
     _write(figure.add_subplot(grid[6]), closing)
     figure.supxlabel(_footer() if footer is None else footer, fontsize=6.0, color="0.3", x=0.5)
     return figure
 
 
-def _write(axes: Axes, text: str, **style: Any) -> None:
+def _write(axes: Axes, text: str, **font: Any) -> None:
     axes.axis("off")
-    place = 0.5 if style else 0.0
-    style = {"fontsize": TINY_FONT, "va": "top", "linespacing": 1.35, **style}
-    axes.text(place, 1.0, text, transform=axes.transAxes, **style)
+    place = 0.5 if font else 0.0
+    font = {"fontsize": style.TINY_FONT, "va": "top", "linespacing": 1.35, **font}
+    axes.text(place, 1.0, text, transform=axes.transAxes, **font)
 
 
 def _task_text(comparison: Comparison, table: Table) -> str:
@@ -139,20 +126,20 @@ def _draw_table(axes: Axes, comparison: Comparison, text: str) -> None:
     axes.axis("off")
     axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
     head, *rows = text.splitlines()
-    size = min(SMALL_FONT, 780 / max(map(len, [head, *rows])))  # largest size that fits
-    style: dict[str, Any] = {"family": "DejaVu Sans Mono", "fontsize": size, "va": "center"}
+    size = min(style.SMALL_FONT, 780 / max(map(len, [head, *rows])))  # largest size that fits
+    font: dict[str, Any] = {"family": "DejaVu Sans Mono", "fontsize": size, "va": "center"}
     step = 1.0 / (len(rows) + 1)
-    axes.text(MARGIN, 1.0 - step / 2, head, fontweight="bold", **style)
-    for place, (row, entry, look) in enumerate(
-        zip(rows, comparison.entries, entry_styles(comparison).values(), strict=True), start=1
+    axes.text(MARGIN, 1.0 - step / 2, head, fontweight="bold", **font)
+    for place, (row, entry, shown) in enumerate(
+        zip(rows, comparison.entries, style.entry_styles(comparison).values(), strict=True), start=1
     ):
         height = 1.0 - (place + 0.5) * step
-        axes.axhline(1.0 - place * step, color="0.8", **THIN)
-        color = "black" if entry.motion else WARNING_COLOR
-        axes.text(MARGIN, height, row, color=color, **style)
+        axes.axhline(1.0 - place * step, color="0.8", **style.THIN)
+        color = "black" if entry.motion else style.WARNING_COLOR
+        axes.text(MARGIN, height, row, color=color, **font)
         if entry.motion is not None:
-            line: dict[str, Any] = {"color": look.color, "linestyle": look.linestyle}
-            axes.plot([0.0, 0.04], [height] * 2, linewidth=LINE_WIDTH, **line)
+            line: dict[str, Any] = {"color": shown.color, "linestyle": shown.linestyle}
+            axes.plot([0.0, 0.04], [height] * 2, linewidth=style.LINE_WIDTH, **line)
 
 
 def _draw_curves(place: Any, comparison: Comparison, chosen: list[str]) -> None:
@@ -173,27 +160,27 @@ def _draw_curves(place: Any, comparison: Comparison, chosen: list[str]) -> None:
     if len(joints) < robot.joint_count:
         corner: Any = {"xycoords": "axes fraction", "textcoords": "offset points"}
         text = f"the {len(joints)} joints nearest to their limits"
-        panels[0][0].annotate(text, (0, 1), xytext=(0, 26), fontsize=TINY_FONT, **corner)
+        panels[0][0].annotate(text, (0, 1), xytext=(0, 26), fontsize=style.TINY_FONT, **corner)
 
 
 def _busiest(comparison: Comparison, chosen: list[str]) -> list[int]:
     """Return the joints with the largest use of their torque limits, in ascending order."""
     peak = np.zeros(comparison.robot.joint_count)
-    for motion in (comparison.motions[name] for name in chosen if len(peak) > SIDE_BY_SIDE):
+    for motion in (comparison.motions[name] for name in chosen if len(peak) > style.SIDE_BY_SIDE):
         history = limit_history(comparison.robot, motion, comparison.limits)
         if "tau" in history.use:
             peak = np.maximum(peak, history.use["tau"].max(axis=0))
-    return sorted(np.argsort(-peak, kind="stable")[:SIDE_BY_SIDE].tolist())
+    return sorted(np.argsort(-peak, kind="stable")[: style.SIDE_BY_SIDE].tolist())
 
 
 def _closing_text(comparison: Comparison, table: Table) -> str:
     lines = ["Certificates:"]
     for entry in comparison.entries:
         if entry.motion is None:
-            text = failure_sentence(entry)
+            text = style.failure_sentence(entry)
         else:
             verdict = entry.certificate.verdict if entry.certificate else "not certified"
-            text = f"{entry_title(entry)}: {verdict}"
+            text = f"{style.entry_title(entry)}: {verdict}"
         lines += textwrap.wrap(text, LINE, subsequent_indent="    ", break_on_hyphens=False)
     return "\n".join([*lines, *textwrap.wrap(table.notes[0], LINE)])
 

@@ -13,16 +13,8 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes
 from microbot_ocp._base.status import Status
 from microbot_ocp.sweeps import Quartiles, Sweep
+from microbot_ocp.views import _style as style
 from microbot_ocp.views._scene import limit_title
-from microbot_ocp.views._style import (
-    BEYOND_LIMIT,
-    FIGURE_WIDTH,
-    ROW_HEIGHT,
-    SMALL_FONT,
-    WARNING_COLOR,
-    look,
-    method_title,
-)
 from microbot_ocp.views.plots._page import axes_page, styled
 
 KINDS = ("atlas", "limits", "quantities", "failures")
@@ -75,7 +67,7 @@ def _maps(results: Sweep, axes: GivenAxes | None, title: str) -> Any:
     away = np.hypot(x, y)
     spans = [np.ptp(v[np.isfinite(v)]) or 1.0 for v in (x, y, away, z)]
     ratios = {"width_ratios": [spans[0] / spans[1], spans[2] / spans[3]]}
-    size = (FIGURE_WIDTH, 2 * ROW_HEIGHT)
+    size = (style.FIGURE_WIDTH, 2 * style.ROW_HEIGHT)
     page = axes_page(axes, 1, 2, size=size, title=title, gridspec_kw=ratios)
     above, side = page.axes[0]
     above.set(xlabel="x of the goal [m]", ylabel="y of the goal [m]", aspect="equal")
@@ -86,7 +78,7 @@ def _maps(results: Sweep, axes: GivenAxes | None, title: str) -> Any:
 def _atlas(results: Sweep, axes: GivenAxes | None, method: str) -> Any:
     """Draw the median of the time saved per hexagon."""
     saved = 100 * results.savings(method)
-    page, panels = _maps(results, axes, f"Time saved against: {method_title(method)}")
+    page, panels = _maps(results, axes, f"Time saved against: {style.method_title(method)}")
     finite = np.isfinite(saved)
     ends = np.quantile(saved[finite], [0.02, 0.98]) if finite.any() else (0.0, 1.0)
     low, top = min(0.0, ends[0]), max(0.0, ends[1])  # the saving may be negative
@@ -120,7 +112,7 @@ def _limits(results: Sweep, axes: GivenAxes | None, _: str | None) -> Any:
     solved, names = status == Status.SOLVED, results.about["limits"]
     page, panels = _maps(results, axes, "Quantity that is at its limit longest")
     places = np.full(len(limit), np.nan)
-    handles, colors = [], [look(place, joints=True)["color"] for place in range(len(names))]
+    handles, colors = [], [style.look(place, joints=True)["color"] for place in range(len(names))]
     for place, name in enumerate(names):
         decided = solved & (limit == name)
         places[decided] = place
@@ -152,9 +144,10 @@ def _trends(results: Sweep, axes: GivenAxes | None, method: str) -> Any:
     for panel, (name, across) in zip(page.axes[0], values.items(), strict=True):
         panel.set_xlabel("payload [kg]" if name == "payload" else name)
         for place, other in enumerate(others):
-            line, label = look(place), f"against: {method_title(other)}"
+            line, label = style.look(place), f"against: {style.method_title(other)}"
             middle, low, half, high = _binned(across, 100 * results.savings(other))
-            panel.fill_between(middle, low, high, **BEYOND_LIMIT | {"facecolor": line["color"]})
+            shade = style.BEYOND_LIMIT | {"facecolor": line["color"]}
+            panel.fill_between(middle, low, high, **shade)
             panel.plot(middle, half, marker="o", markersize=3, label=label, **line)
     page.axes[0, 0].set_ylabel("time saved [%]")
     page.legend(page.axes[0, 0].get_lines(), 3)
@@ -164,14 +157,14 @@ def _trends(results: Sweep, axes: GivenAxes | None, method: str) -> Any:
 def _failures(results: Sweep, axes: GivenAxes | None, _: str | None) -> Any:
     """Draw a bar for each of the ten most frequent failures."""
     failures = results.summary().failures[:10]
-    size = (FIGURE_WIDTH, 2 + len(failures) / 2)
+    size = (style.FIGURE_WIDTH, 2 + len(failures) / 2)
     page = axes_page(axes, 1, 1, size=size, title="Not solved")
     panel, places = page.axes[0, 0], np.arange(len(failures))[::-1]
     counts = [failure.count for failure in failures]
-    bars = panel.barh(places, counts, color=WARNING_COLOR)
+    bars = panel.barh(places, counts, color=style.WARNING_COLOR)
     panel.bar_label(bars, [f" {count:,}" for count in counts])
     labels = [f"{f.status}: {checks.shortened(f.reason, 80)}\n(case {f.case})" for f in failures]
-    panel.set_yticks(places, labels, fontsize=SMALL_FONT)
+    panel.set_yticks(places, labels, fontsize=style.SMALL_FONT)
     panel.set_xlabel("cases")
     panel.grid(axis="y", visible=False)
     panel.margins(x=0.1)

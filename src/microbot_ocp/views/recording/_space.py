@@ -11,7 +11,7 @@ import rerun as rr
 from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import with_arm_capsules
-from microbot_ocp.views import _palette as palette
+from microbot_ocp.views import _palette as palette, _style as style
 from microbot_ocp.views._eye import Eye, grid_spacing, upward
 from microbot_ocp.views._scene import link_poses, reach, tool_places
 from microbot_ocp.views._solids import (
@@ -20,13 +20,6 @@ from microbot_ocp.views._solids import (
     drawn_geometry,
     joint_solid,
     part_solids,
-)
-from microbot_ocp.views._style import (
-    BALL_RADIUS,
-    FRAME_LENGTH,
-    LABEL_HEIGHT,
-    LINE_RADIUS,
-    LINK_RADIUS,
 )
 from microbot_ocp.views.recording._animated_arm import AnimatedArm, Look
 from microbot_ocp.views.recording._limits import LimitPlot
@@ -41,7 +34,7 @@ from microbot_ocp.views.recording._writer import (
     quaternions,
 )
 
-MASS_RADII = (BALL_RADIUS, 2.2)  # least and largest radius of a centre of mass, in link radii
+MASS_RADII = (style.BALL_RADIUS, 2.2)  # least and largest radius of a centre of mass, in link radii
 LETTER_WIDTH = 0.026  # width of a letter, relative to the reach
 CLEARANCE = LimitPlot(plot_path("clearance", "nearest"), "clearance [mm]")
 
@@ -61,8 +54,9 @@ def draw_base(
     axis = int(np.abs(up).argmax())
     view = f"RIGHT_HAND_{'XYZ'[axis]}_{'UP' if up[axis] > 0 else 'DOWN'}"
     writer.static(WORLD, getattr(rr.ViewCoordinates, view))
+    edge = style.FRAME_LENGTH
     plate = rr.Boxes3D(
-        half_sizes=[size * np.array([FRAME_LENGTH, FRAME_LENGTH, 2 * LINE_RADIUS])],
+        half_sizes=[size * np.array([edge, edge, 2 * style.LINE_RADIUS])],
         centers=[base],
         quaternions=quaternions(robot.base[None, :3, :3]),
         colors=[palette.DULL],
@@ -71,16 +65,16 @@ def draw_base(
     writer.static(f"{WORLD}/base", plate)
     if np.linalg.norm(base) > ROUNDING:
         post = rr.LineStrips3D(
-            [[np.zeros(3), base]], radii=LINE_RADIUS * size, colors=[palette.DULL]
+            [[np.zeros(3), base]], radii=style.LINE_RADIUS * size, colors=[palette.DULL]
         )
         writer.static(f"{WORLD}/base/post", post)
     if target is not None:
         writer.frame(f"{WORLD}/target", target)
-        writer.static(f"{WORLD}/target", rr.TransformAxes3D(2 * FRAME_LENGTH * size))
+        writer.static(f"{WORLD}/target", rr.TransformAxes3D(2 * style.FRAME_LENGTH * size))
     if len(places):
         alike = np.linalg.norm(places[:, None] - places, axis=2) < ROUNDING
         labels = [", ".join(compress(names, row)) for row in alike]  # one label for all names
-        look = {"radii": LINK_RADIUS * size, "colors": [palette.BRIGHT]}
+        look = {"radii": style.LINK_RADIUS * size, "colors": [palette.BRIGHT]}
         spheres = rr.Points3D(places, labels=labels, show_labels=True, **look)
         writer.static(f"{WORLD}/places", spheres)
 
@@ -120,7 +114,7 @@ def draw_nearest(
     nearest = around.nearest(arm.times[TIME], arm.q)
     if around.scene is None or not nearest:
         return
-    path, radius = f"{WORLD}/scene/nearest", LINE_RADIUS * reach(robot)
+    path, radius = f"{WORLD}/scene/nearest", style.LINE_RADIUS * reach(robot)
     ends = np.array([(near.on_arm, near.on_other) for near in nearest])
     millimetres = 1e3 * np.array([near.distance for near in nearest])
     labels = [f"{n.pair.label}: {d:.1f} mm" for n, d in zip(nearest, millimetres, strict=True)]
@@ -148,7 +142,7 @@ def draw_arm(writer: Writer, robot: Robot, arm: AnimatedArm, end: Times) -> None
     if not geometry:
         start = np.broadcast_to(robot.base[:3, 3], origins[:, 0].shape)
         _draw_link(writer, arm.link(0, "shape"), look, times, start, origins[:, 1])
-    axes = rr.TransformAxes3D(FRAME_LENGTH * reach(robot))
+    axes = rr.TransformAxes3D(style.FRAME_LENGTH * reach(robot))
     radii = _mass_radii(robot)
     for k, kind in enumerate(robot.chain.joint_types, start=1):
         turned = quaternions(rotations[:, k])
@@ -170,10 +164,10 @@ def draw_arm(writer: Writer, robot: Robot, arm: AnimatedArm, end: Times) -> None
     turned = rr.Transform3D.columns(quaternion=quaternions(rotations[:, -1]))
     writer.columns(arm.tool("frame"), times, turned)
     writer.static(arm.tool("frame"), axes)
-    ball = rr.Points3D([[0, 0, 0]], radii=BALL_RADIUS * look.radius, colors=[look.color])
+    ball = rr.Points3D([[0, 0, 0]], radii=style.BALL_RADIUS * look.radius, colors=[look.color])
     writer.static(arm.tool("ball"), ball)
     # The trail is one short strip per sample: the view shows the strips up to the time cursor.
-    radius = LINE_RADIUS * reach(robot) * (1.0 if look.solid else 0.5)
+    radius = style.LINE_RADIUS * reach(robot) * (1.0 if look.solid else 0.5)
     writer.strips(arm.path("trail"), radius, look.line_color)
     pieces = np.stack([tool[:-1], tool[1:]], axis=1).astype(np.float32)
     strips = rr.LineStrips3D.columns(strips=pieces)
@@ -230,7 +224,7 @@ def draw_labels(
     other samples.
     """
     size, up, (right, above, _) = reach(robot), eye.up, eye.axes
-    step = LABEL_HEIGHT * size
+    step = style.LABEL_HEIGHT * size
     titled = [arm for arm in arms if arm.title]
     for arm in titled:
         look = {"radii": [0.0], "colors": [arm.look.line_color]}
