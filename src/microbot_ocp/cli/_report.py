@@ -147,12 +147,12 @@ class Report:
         """Pass every step to the bar on a terminal, a viewer and a recording; check for Ctrl-C."""
         with ExitStack() as stack:
             watchers: list[Progress] = [lambda _: process.check()]
-            from microbot_ocp.views.live import show_progress, spoken_progress
+            from microbot_ocp.views import live
 
             if sys.stderr.isatty():
-                watchers.append(stack.enter_context(show_progress(make_console(sys.stderr))))
+                watchers.append(stack.enter_context(live.show_progress(make_console(sys.stderr))))
             else:
-                watchers.append(spoken_progress(say))
+                watchers.append(live.spoken_progress(say))
             if self.rerun_iterations is not None:
                 from microbot_ocp.views.recording import record_iterations
 
@@ -160,8 +160,6 @@ class Report:
                 watchers.append(recording.__enter__())
                 stack.push(partial(self._end_recording, recording))
             if self.live or self.live_serve or self.live_connect is not None:
-                from microbot_ocp.views import live
-
                 address = self.live_connect
                 if self.live_serve:
                     address = browser.enter_context(live.server(lambda page: say(f"open {page}")))
@@ -245,27 +243,21 @@ def check_output(option: str, path: Path | None, endings: Sequence[str]) -> None
     """Reject a path that cannot be written: a file of these endings, or a folder for ""."""
     if path is None:
         return
-    if "" in endings:
-        if path.is_symlink() and not path.exists():
-            raise InputError(f"{option} is a broken link: {str(path)!r}")
-        existing = nearest(path)
-        if not existing.is_dir():
-            raise InputError(f"{option} must be a folder, but {str(existing)!r} is a file")
-        try:  # permissions do not show a read-only disk or /proc, so write a file
-            with tempfile.TemporaryDirectory(dir=existing):
-                pass
-        except OSError as problem:
-            reason = (problem.strerror or type(problem).__name__).lower()
-            sentence = f"{option} cannot be written to {str(path)!r}: {reason}"
-            raise InputError(sentence) from None
-    elif path.suffix not in endings:
+    folder = nearest(path) if "" in endings else None
+    if folder is None and path.suffix not in endings:
         raise InputError(f"{option} must end in {' or '.join(endings)}, not {str(path)!r}")
-    else:
-        try:
+    if folder is not None and path.is_symlink() and not path.exists():
+        raise InputError(f"{option} is a broken link: {str(path)!r}")
+    if folder is not None and not folder.is_dir():
+        raise InputError(f"{option} must be a folder, but {str(folder)!r} is a file")
+    try:
+        if folder is None:
             check_writable(path)
-        except NotWritten as problem:
-            sentence = f"{option} cannot be written to {problem.path!r}: {problem.reason}"
-            raise InputError(sentence) from None
+        else:  # permissions do not show a read-only disk or /proc, so write a file
+            tempfile.TemporaryDirectory(dir=folder).cleanup()
+    except OSError as problem:
+        reason = getattr(problem, "reason", (problem.strerror or type(problem).__name__).lower())
+        raise InputError(f"{option} cannot be written to {str(path)!r}: {reason}") from None
 
 
 def nearest(path: Path) -> Path:
