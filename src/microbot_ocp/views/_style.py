@@ -147,7 +147,7 @@ def look(place: int, joints: bool = False) -> dict[str, Any]:
 
 def rgb(color: str) -> tuple[int, int, int]:
     """Return red, green and blue, 0 to 255, of a colour ``#RRGGBB``."""
-    red, green, blue = (int(color[k : k + 2], 16) for k in (1, 3, 5))
+    red, green, blue = bytes.fromhex(color[1:])
     return red, green, blue
 
 

@@ -15,12 +15,11 @@ from microbot_ocp.views._style import PAGE
 from microbot_ocp.views.plots._page import AxesGrid, axes_page, styled
 
 
-def _row(
+def row(
     axes: GivenAxes | None, count: int, title: str = "", height: float = 0.5 * PAGE[0]
 ) -> AxesGrid:
     """Return axes [count]; new axes have the given height, inches."""
-    page = axes_page(axes, 1, count, size=(PAGE[0], height), title=title)
-    return page.axes.ravel().view(AxesGrid)
+    return axes_page(axes, 1, count, size=(PAGE[0], height), title=title).axes[0]
 
 
 @styled()
@@ -39,7 +38,7 @@ def front(front: Front, axes: GivenAxes | None = None) -> AxesGrid:
     AxesGrid [2]
         Open circles are motions that are not certified.
     """
-    panels = _row(axes, 2, "time against effort and peak torque")
+    panels = row(axes, 2, "time against effort and peak torque")
     time = [point.duration for point in front.points]
     good = [point.motion.solved and point.certificate.ok for point in front.points]
     columns = {"effort": "effort [s]", "peak_torque": "peak torque [share of its limit]"}
@@ -73,7 +72,7 @@ def acceleration_map(
         Open circles are accelerations that a known state breaks; zero is where gravity or speed
         alone need more than the torques.
     """
-    panels = _row(axes, 1, "accelerations that torque allows")
+    panels = row(axes, 1, "accelerations that torque allows")
     share = 100.0 * found.speeds
     for load, proved, broken in zip(found.payloads, found.qdd_max, found.broken, strict=True):
         (line,) = panels[0].plot(share, proved, marker=".", label=f"{load:g} kg")
@@ -103,7 +102,7 @@ def prices(sensitivities: Sensitivities, axes: GivenAxes | None = None) -> AxesG
     table = sensitivities.table()
     names, saved = [row[0] for row in table.rows], [row[-1] for row in table.rows]
     title, height = "time saved by one percent more of a limit", 2 + len(names) / 4
-    panels = _row(axes, 1, title, height)
+    panels = row(axes, 1, title, height)
     # A hollow bar marks a limit that barely binds: one percent more may make it inactive.
     filled = [row[4] == "yes" for row in table.rows]
     for bar, sure in zip(panels[0].barh(names, saved, edgecolor="C0"), filled, strict=True):
@@ -129,7 +128,7 @@ def duration_line(line: DurationLine, axes: GivenAxes | None = None) -> AxesGrid
     AxesGrid [1]
         Slopes are short lines; a hollow mark shows that other limits bind than at the value before.
     """
-    panels = _row(axes, 1)
+    panels = row(axes, 1)
     half = 0.5 * np.gradient(line.values) if line.values.size > 1 else np.zeros(1)
     ends = np.stack([-half, half])
     panels[0].plot(line.values + ends, line.duration + line.slope * ends, color="C0")
@@ -157,7 +156,7 @@ def reserve(reserve: Reserve, axes: GivenAxes | None = None) -> AxesGrid:
     AxesGrid [2]
         The bound is dashed, the least reserve that keeps it dotted.
     """
-    panels = _row(axes, 2, "effect of a torque reserve")
+    panels = row(axes, 2, "effect of a torque reserve")
     share = [100.0 * trial.reserve for trial in reserve.trials]
     error = np.array([trial.error for trial in reserve.trials])
     panels[0].semilogy(share, np.where(np.isfinite(error), 1e3 * error, np.nan), marker="o")
@@ -186,7 +185,7 @@ def sparsity(solver: ParametricSolver, axes: GivenAxes | None = None) -> AxesGri
         Lines separate the phases.
     """
     program = solver.program
-    panels = _row(axes, 2, solver.transcription.problem.name)
+    panels = row(axes, 2, solver.transcription.problem.name)
     edges = [
         np.cumsum([getattr(layout, count) for layout in program.layouts])[:-1]
         for count in ("variable_count", "row_count")

@@ -6,8 +6,9 @@ import numpy as np
 
 from microbot_ocp._base.showing import GivenAxes
 from microbot_ocp.layout import Design
-from microbot_ocp.views._style import PAGE, ROW_HEIGHT
-from microbot_ocp.views.plots._page import AxesGrid, axes_page, styled
+from microbot_ocp.views._style import ROW_HEIGHT
+from microbot_ocp.views.plots._charts import row
+from microbot_ocp.views.plots._page import AxesGrid, styled
 
 
 @styled()
@@ -29,11 +30,8 @@ def design(design: Design, axes: GivenAxes | None = None) -> AxesGrid:
         are solves; the start is a square, the end a star.
     """
     shown = [k for k, worth in enumerate(design.worth) if not worth.idle]
-    two = len(shown) == 2
-    count = 1 if two else len(shown)
-    size = (PAGE[0], 2 * ROW_HEIGHT)
-    page = axes_page(axes, 1, count, size=size, title="time over the free quantities")
-    panels = page.axes.ravel().view(AxesGrid)
+    two, title = len(shown) == 2, "time over the free quantities"
+    panels = row(axes, 1 if two else len(shown), title, 2 * ROW_HEIGHT)
     looks = np.array([node.values[shown] for node in design.nodes])
     times = np.array([node.estimate for node in design.nodes])
     solves = np.array([solved.values[shown] for solved in design.solved])

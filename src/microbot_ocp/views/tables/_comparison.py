@@ -75,7 +75,8 @@ def comparison_table(comparison: Comparison) -> Table:
             pairs.append((Column(head, "s", ".3f"), [row.get(key) for row in rows]))
     for kind in limited:
         peaks = [row["utilisation"].get(kind) for row in rows]
-        pairs.append((Column(f"peak {_short_name(kind)}", "%", _percentages), peaks))
+        name = kind if kind in JOINT_QUANTITIES else quantity_name(kind)
+        pairs.append((Column(f"peak {name}", "%", _percentages), peaks))
     pairs += [
         (Column("∫tau²", "(N m)² s", _significant), [row["torque_squared"] for row in rows]),
         (Column("work", "J", _significant), [row["work"] for row in rows]),
@@ -181,13 +182,7 @@ def _short_verdict(certificate: Certificate, worst: LimitCheck | None) -> str:
     if worst is None or worst.violation <= 1e-6:
         return "FAILED"
     percent = 100 * worst.violation
-    place = quantity_name(worst.quantity) + (f" of {worst.joint}" if worst.joint else "")
-    return f"FAILED: {place} +{percent:{'.2g' if percent < 10 else '.0f'}} %"
-
-
-def _short_name(quantity: str) -> str:
-    """Return the symbol of a joint quantity, or the name of another quantity."""
-    return quantity if quantity in JOINT_QUANTITIES else quantity_name(quantity)
+    return f"FAILED: {worst.title} +{percent:{'.2g' if percent < 10 else '.0f'}} %"
 
 
 def _known(shares: Mapping[str, float | None] | None) -> dict[str, float]:
