@@ -18,6 +18,7 @@ from microbot_ocp.views.recording import phase_curves, record_iterations, rounde
 from microbot_ocp.views.recording._iterations import PANEL_SIZE
 
 VIA_Q = np.radians([[0, 0, 0], [-90, 90, 90]])
+EPS = np.finfo(float).eps
 TIMELINE = "iteration"
 OTHER_ADDRESS = "127.0.0.2"  # of this machine: what listens everywhere listens there, too
 
@@ -57,7 +58,7 @@ def test_cost_and_infeasibility_are_those_of_every_iteration(recorded):
     path, _, iterations, _ = recorded
     for name, values in (
         ("cost", [event.cost for event in iterations]),
-        ("infeasibility", np.log10([max(e.infeasibility, 1e-16) for e in iterations])),
+        ("infeasibility", np.log10([max(e.infeasibility, EPS) for e in iterations])),
     ):
         number, found = scalars(path, f"/convergence/{name}", TIMELINE)
         np.testing.assert_array_equal(number, np.arange(len(iterations)))
