@@ -21,18 +21,10 @@ from urllib.request import ProxyHandler, build_opener
 import rerun as rr
 
 from microbot_ocp._base.checks import InputError
-from microbot_ocp.views.live._viewer import (
-    LOOPBACK,
-    START_TIMEOUT,
-    end_viewer,
-    free_port,
-    keep_open,
-    listens,
-    start_viewer,
-)
+from microbot_ocp.views.live import _viewer as viewer
 from microbot_ocp.views.recording import APPLICATION, IterationRecorder, Writer
 
-LOCAL_NAMES = (LOOPBACK, "localhost", "::1")
+LOCAL_NAMES = (viewer.LOOPBACK, "localhost", "::1")
 
 
 @contextmanager
@@ -50,7 +42,7 @@ def connected(address: str) -> Iterator[IterationRecorder]:
         The address is malformed or on another machine, or no viewer listens there.
     """
     host, port = parse_address(address)
-    if not listens(host, port):
+    if not viewer.listens(host, port):
         raise InputError(
             f"no viewer listens at {host}:{port}: start one with "
             f"CI=1 rerun --bind {host} (CI=1 turns off usage reports)"
@@ -72,9 +64,10 @@ def spawned() -> Iterator[IterationRecorder]:
 
     The viewer needs a screen and stays open.
     """
-    port = free_port()
-    keep_open(start_viewer("--new", "--expect-data-soon", "--hide-welcome-screen", ports=(port,)))
-    with connected(f"{LOOPBACK}:{port}") as recorder:
+    port = viewer.free_port()
+    options = "--new", "--expect-data-soon", "--hide-welcome-screen"
+    viewer.keep_open(viewer.start_viewer(*options, ports=(port,)))
+    with connected(f"{viewer.LOOPBACK}:{port}") as recorder:
         yield recorder
 
 
@@ -95,15 +88,15 @@ def server(announce: Callable[[str], object]) -> Iterator[str]:
     It yields the address for :func:`connected`. ``announce`` gets the address for the browser, with
     the dark theme that suits the colours of recordings.
     """
-    port, page = free_port(), free_port()
-    process = start_viewer("--serve-web", "--web-viewer-port", str(page), ports=(port, page))
+    port, page = viewer.free_port(), viewer.free_port()
+    process = viewer.start_viewer("--serve-web", "--web-viewer-port", str(page), ports=(port, page))
     try:
-        source, data = (f"http://{LOOPBACK}:{number}" for number in (page, port))
+        source, data = (f"http://{viewer.LOOPBACK}:{number}" for number in (page, port))
         with local_page(source, data) as address:
-            announce(f"{address}/?theme=dark&url={quote(_url(LOOPBACK, port), safe='')}")
-            yield f"{LOOPBACK}:{port}"
+            announce(f"{address}/?theme=dark&url={quote(_url(viewer.LOOPBACK, port), safe='')}")
+            yield f"{viewer.LOOPBACK}:{port}"
     finally:
-        end_viewer(process)
+        viewer.end_viewer(process)
 
 
 def parse_address(address: str) -> tuple[str, int]:
@@ -120,7 +113,7 @@ def parse_address(address: str) -> tuple[str, int]:
             return parts.hostname, parts.port
     raise InputError(
         f"the address of a viewer must be HOST:PORT with one of {', '.join(LOCAL_NAMES)}, "
-        f"such as {LOOPBACK}:9876, not {address!r}"
+        f"such as {viewer.LOOPBACK}:9876, not {address!r}"
     )
 
 
@@ -139,11 +132,11 @@ def local_page(source: str, data: str) -> Iterator[str]:
     The page may load from the copy and from ``data`` only. ``source`` and ``data`` are addresses
     such as "http://127.0.0.1:9090".
     """
-    server = ThreadingHTTPServer((LOOPBACK, 0), partial(_PageCopyHandler, source, data))
+    server = ThreadingHTTPServer((viewer.LOOPBACK, 0), partial(_PageCopyHandler, source, data))
     server.daemon_threads = True
     threading.Thread(target=server.serve_forever, daemon=True).start()
     try:
-        yield f"http://{LOOPBACK}:{server.server_address[1]}"
+        yield f"http://{viewer.LOOPBACK}:{server.server_address[1]}"
     finally:
         server.shutdown()
         server.server_close()
@@ -163,7 +156,7 @@ class _PageCopyHandler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         try:
-            answer = DIRECT.open(self.source + self.path, timeout=START_TIMEOUT)
+            answer = DIRECT.open(self.source + self.path, timeout=viewer.START_TIMEOUT)
         except OSError as problem:  # an HTTPError has the code of the source
             self.send_error(getattr(problem, "code", 502))
             return

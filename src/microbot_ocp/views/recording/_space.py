@@ -11,16 +11,9 @@ import rerun as rr
 from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp.robot import Robot
 from microbot_ocp.scene import with_arm_capsules
-from microbot_ocp.views import _palette as palette, _style as style
+from microbot_ocp.views import _palette as palette, _solids as solids, _style as style
 from microbot_ocp.views._eye import Eye, grid_spacing, upward
 from microbot_ocp.views._scene import link_poses, reach, tool_places
-from microbot_ocp.views._solids import (
-    DrawnSurroundings,
-    capsule_solid,
-    drawn_geometry,
-    joint_solid,
-    part_solids,
-)
 from microbot_ocp.views.recording._animated_arm import AnimatedArm, Look
 from microbot_ocp.views.recording._limits import LimitPlot
 from microbot_ocp.views.recording._writer import (
@@ -80,14 +73,14 @@ def draw_base(
 
 
 def draw_surroundings(
-    writer: Writer, robot: Robot, around: DrawnSurroundings, arm: AnimatedArm
+    writer: Writer, robot: Robot, around: solids.DrawnSurroundings, arm: AnimatedArm
 ) -> None:
     """Draw obstacles, capsules of the arm, tubes and frames of the task, and carried parts."""
     for obstacle, solid in around.obstacles(robot):
         writer.solid(rr.new_entity_path([WORLD, "scene", obstacle.name]), solid)
     if around.scene is not None:
         for number, (frame, capsule) in enumerate(with_arm_capsules(robot).capsules, start=1):
-            solid = capsule_solid(capsule, palette.CAPSULE)
+            solid = solids.capsule_solid(capsule, palette.CAPSULE)
             writer.solid(arm.link(frame, f"capsule_{number}"), solid)
     task = f"{WORLD}/task"
     for number, tube in enumerate(around.tubes, start=1):
@@ -100,7 +93,7 @@ def draw_surroundings(
         path, turned = f"{task}/part_{number}", quaternions(poses[:, :3, :3])
         columns = rr.Transform3D.columns(translation=poses[:, :3, 3], quaternion=turned)
         writer.columns(path, arm.times, columns)
-        for k, solid in enumerate(part_solids(payload), start=1):
+        for k, solid in enumerate(solids.part_solids(payload), start=1):
             writer.solid(f"{path}/solid_{k}", solid)
         if payload.mass:
             weight = {"radii": [0.0], "colors": [palette.PART], "labels": [f"{payload.mass:g} kg"]}
@@ -108,7 +101,7 @@ def draw_surroundings(
 
 
 def draw_nearest(
-    writer: Writer, robot: Robot, around: DrawnSurroundings, arm: AnimatedArm, end: Times
+    writer: Writer, robot: Robot, around: solids.DrawnSurroundings, arm: AnimatedArm, end: Times
 ) -> None:
     """Draw the line between the closest points with its length, and the length as a curve."""
     nearest = around.nearest(arm.times[TIME], arm.q)
@@ -136,7 +129,7 @@ def draw_arm(writer: Writer, robot: Robot, arm: AnimatedArm, end: Times) -> None
         q = np.vstack([q, q[-1:]])
     poses = link_poses(robot, q)
     origins, rotations = poses[:, :, :3, 3], poses[:, :, :3, :3]
-    geometry = drawn_geometry(robot.shapes).solids if look.solid else ()
+    geometry = solids.drawn_geometry(robot.shapes).solids if look.solid else ()
     for index, (frame, solid) in enumerate(geometry, start=1):
         writer.solid(arm.link(frame, f"geometry_{index}"), solid)
     if not geometry:
@@ -152,7 +145,7 @@ def draw_arm(writer: Writer, robot: Robot, arm: AnimatedArm, end: Times) -> None
         if not geometry:
             step = np.einsum("nij,ni->nj", rotations[:, k], origins[:, k + 1] - origins[:, k])
             _draw_link(writer, arm.link(k, "shape"), look, times, np.zeros_like(step), step)
-            writer.solid(arm.link(k, "joint"), joint_solid(kind, look.radius, look.color))
+            writer.solid(arm.link(k, "joint"), solids.joint_solid(kind, look.radius, look.color))
         if radii.size:
             place, size = robot.links[k - 1].center_of_mass, radii[k - 1] * look.radius
             ball = rr.Points3D([place], radii=size, colors=[palette.MASS])
