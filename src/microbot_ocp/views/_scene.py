@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
-import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp._base.fast_calls import buffered_call
 from microbot_ocp.limits import JOINT_QUANTITIES, LimitFamily
 from microbot_ocp.motion import Motion
-from microbot_ocp.robot import JointLimits, Robot, forward_kinematics, frame_origins
+from microbot_ocp.robot import JointLimits, Robot, frame_origins, link_poses as link_kinematics
 
 if TYPE_CHECKING:
     from microbot_ocp.tasks import Comparison, Entry
@@ -45,17 +43,9 @@ def tool_places(robot: Robot, q: FloatArray) -> FloatArray:
 
 def link_poses(robot: Robot, q: FloatArray) -> FloatArray:
     """Return the poses [N,links+2,4,4] of base, link frames and tool in the base frame."""
-    count = robot.link_count + 2
-    columns = buffered_call(_poses(robot).map(len(q)))(q.T)
-    return columns.T.reshape(len(q), count, 4, 4).transpose(0, 1, 3, 2)
-
-
-@lru_cache(maxsize=64)
-def _poses(robot: Robot) -> ca.Function:
-    """Return ``(q[n]) -> T[4, 4 (links+2)]``, all poses side by side."""
-    q = ca.SX.sym("q", robot.joint_count)
-    poses = [forward_kinematics(robot, frame)(q) for frame in range(robot.link_count + 2)]
-    return ca.Function("poses", [q], [ca.cse(ca.densify(ca.horzcat(*poses)))])
+    columns = buffered_call(link_kinematics(robot).map(len(q)))(q.T)
+    links = columns.T.reshape(len(q), -1, 4, 4).transpose(0, 1, 3, 2)
+    return np.concatenate([links, links[:, -1:] @ robot.tool], axis=1)
 
 
 def reach(robot: Robot) -> float:

@@ -16,7 +16,7 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp.planning import Payload
 from microbot_ocp.planning.search import Place, parts_of, places_along, tool_poses
-from microbot_ocp.robot import Capsule, Robot, Shape, TriangleMesh, read_mesh
+from microbot_ocp.robot import Capsule, Robot, Shape, TriangleMesh, read_mesh, transform_of
 from microbot_ocp.scene import (
     Box,
     ConvexMesh,
@@ -104,12 +104,12 @@ def capsule_solid(capsule: Capsule, color: Color) -> Solid:
     along = capsule.end - capsule.start
     length = float(np.linalg.norm(along))
     rotation = rotation_to(along / length if length else np.eye(3)[2])
-    pose = frame_at((capsule.start + capsule.end) / 2, rotation)
+    pose = transform_of(rotation, (capsule.start + capsule.end) / 2)
     return Solid("capsule", np.array([capsule.radius, length]), pose, color)
 
 
 def _ball(center: FloatArray, radius: float, color: Color) -> Solid:
-    return Solid("sphere", np.array([radius]), frame_at(center), color)
+    return Solid("sphere", np.array([radius]), transform_of(np.eye(3), center), color)
 
 
 def obstacle_solid(obstacle: Any, robot: Robot) -> Solid:
@@ -119,7 +119,8 @@ def obstacle_solid(obstacle: Any, robot: Robot) -> Solid:
         return capsule_solid(obstacle, color)
     if isinstance(obstacle, HalfSpace):
         normal, base = obstacle.normal, robot.base[:3, 3]
-        pose = frame_at(base + (obstacle.offset - normal @ base) * normal, rotation_to(normal))
+        foot = base + (obstacle.offset - normal @ base) * normal
+        pose = transform_of(rotation_to(normal), foot)
         edges = size * np.array([2 * HALF_SPACE_EDGE, 2 * HALF_SPACE_EDGE, 4 * LINE_RADIUS])
         return Solid("plane", edges, pose, (*color[:3], 90))
     if isinstance(obstacle, Sphere):
@@ -145,12 +146,6 @@ def part_solids(payload: Payload) -> list[Solid]:
         return [capsule_solid(capsule, palette.PART) for capsule in payload.shape]
     radius = np.cbrt(3.0 * payload.mass / (4.0 * np.pi * 2700.0))
     return [_ball(payload.center_of_mass, radius, palette.PART)] if payload.mass else []
-
-
-def frame_at(origin: FloatArray, rotation: FloatArray | None = None) -> FloatArray:
-    """Return a frame [4,4] at a point [3] with a rotation [3,3], by default the identity."""
-    turned = np.eye(3) if rotation is None else rotation
-    return np.vstack([np.column_stack([turned, origin]), np.eye(4)[3]])
 
 
 def is_inside(solid: Solid, points: FloatArray) -> Any:
@@ -237,7 +232,7 @@ class DrawnSurroundings:
                 poses[at[end] :] = tool[at[end]]
             parts.append(CarriedPart(part.payload, poses))
         poses = (stop.pose(cell.robot) for stop in task.stops)
-        stops = [frame_at(place, turned) for place, turned in poses if turned is not None]
+        stops = [transform_of(turned, place) for place, turned in poses if turned is not None]
         tubes = [
             Tube(curve[0].points(np.linspace(0.0, 1.0, 60)), segment.tolerance)  # type: ignore[union-attr]
             for curve, segment in zip(task.curves, task.segments, strict=True)

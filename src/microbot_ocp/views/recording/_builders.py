@@ -14,12 +14,12 @@ from microbot_ocp.certificate import Certificate
 from microbot_ocp.inverse_kinematics import IKSolution
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import Motion
-from microbot_ocp.robot import JointLimits, Limits, Robot
+from microbot_ocp.robot import JointLimits, Limits, Robot, transform_of
 from microbot_ocp.scene import Scene, clearance, has_coal
 from microbot_ocp.simulation import Tracking
 from microbot_ocp.tasks import Cell, Comparison
 from microbot_ocp.views._scene import display_factor, display_unit, solved_entries, tool_places
-from microbot_ocp.views._solids import DrawnSurroundings, frame_at
+from microbot_ocp.views._solids import DrawnSurroundings
 from microbot_ocp.views._style import FIXED, PREFERRED, SIDE_BY_SIDE, EntryStyle, entry_styles
 from microbot_ocp.views.recording._animated_arm import drawn_rate, looks, moving_arm, standing_arm
 from microbot_ocp.views.recording._limits import peak_table
@@ -202,7 +202,7 @@ def of_branches(
             title=title,
             notes=list(dict.fromkeys([table.title, *(s.advice for s in solutions)])),
         ),
-        target=None if orientation is None else frame_at(position, orientation),
+        target=None if orientation is None else transform_of(orientation, position),
         quantities=(),
         timeline=BRANCH,
     )
