@@ -50,14 +50,14 @@ def halo(color: str = "white") -> list[Any]:
     return [withStroke(linewidth=2, foreground=color)]
 
 
-def styled(*sheets: str) -> Any:
+def styled(changes: Mapping[str, Any] | str | None = None) -> Any:
     """Return a context (or decorator) with the style of this package instead of the user's.
 
-    ``sheets`` are names of further style sheets beside this module.
+    ``changes`` are further matplotlib settings, or the name of a style of matplotlib.
     """
-    palette: dict[Any, Any] = {"axes.prop_cycle": cycler(color=[color for color, _ in JOINT_LOOKS])}
-    names = [f"{__package__}.{name}" for name in ("figures", *sheets)]
-    return style.context(["default", *names, palette])
+    palette = {"axes.prop_cycle": cycler(color=[color for color, _ in JOINT_LOOKS])}
+    layers: list[Any] = ["default", f"{__package__}.figures", palette, changes or {}]
+    return style.context(layers)
 
 
 class _FigureOutput:

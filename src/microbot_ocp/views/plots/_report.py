@@ -50,7 +50,7 @@ def report(comparison: Comparison, path: str | Path, *, footer: str | None = Non
     return write(report_figure(comparison, footer=footer), path)
 
 
-@styled("report")
+@styled(f"{__package__}.report")
 def report_figure(comparison: Comparison, *, footer: str | None = None) -> Figure:
     """Return the page of :func:`report` as a figure."""
     robot, chosen = comparison.robot, style.main_methods(comparison)

@@ -33,7 +33,8 @@ def of_sweep(results: Sweep, path: str | Path) -> Path:
     placed = np.isfinite(places).all(axis=1)
     seen = places[placed] if placed.any() else np.eye(3)
     radius = 0.012 * (float(np.ptp(seen, axis=0).max()) or 1.0)
-    eye = fitted(seen, np.array([2, -2, 1]) / 3, np.eye(3)[2], radius)
+    aside = np.array([2, -2, 1]) / 3  # seen from a corner, a little from above
+    eye = fitted(seen, aside, np.eye(3)[2], radius)
     titles = {
         f"saved_{method}": f"time saved against {method}: 0 % dark, 60 % and more bright"
         for method in results.methods
