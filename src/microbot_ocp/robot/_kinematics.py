@@ -26,6 +26,15 @@ def _cos_sin(angle: float) -> tuple[float, float]:
     return float(np.cos(angle)), float(np.sin(angle))
 
 
+def _turn(axis: int, cos: float | ca.SX, sin: float | ca.SX) -> ca.SX:
+    """Return the rotation [3,3] about X, Y or Z (0 to 2) by the cosine and sine of its angle."""
+    i, k = (axis + 1) % 3, (axis + 2) % 3
+    rotation = ca.SX.eye(3)
+    rotation[i, i] = rotation[k, k] = cos
+    rotation[k, i], rotation[i, k] = sin, -sin
+    return ca.sparsify(rotation)
+
+
 def joint_transform(robot: Robot, joint: int, q: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Return rotation [3,3] and position [3] of link frame ``joint`` (0-based) in the one before.
 
@@ -34,35 +43,18 @@ def joint_transform(robot: Robot, joint: int, q: ca.SX) -> tuple[ca.SX, ca.SX]:
     rotation, position : SX
         Sparse expressions without structural zeros.
     """
-    cos_alpha, sin_alpha = _cos_sin(float(robot.alpha[joint]))
-    a, d = float(robot.a[joint]), ca.SX(float(robot.d[joint]))
-    offset = float(robot.theta_offset[joint])
+    d, offset = ca.SX(float(robot.d[joint])), float(robot.theta_offset[joint])
     if robot.joint_types[joint] == "revolute":
         angle = q + offset if offset else q
-        cos_theta, sin_theta = ca.cos(angle), ca.sin(angle)
+        about_z = _turn(2, ca.cos(angle), ca.sin(angle))
     else:
-        cos_theta, sin_theta = (ca.SX(v) for v in _cos_sin(offset))
+        about_z = _turn(2, *_cos_sin(offset))
         d = d + q
     # Craig (3.6); constant angles enter as numbers, so that zeros drop out of the graph.
-    rotation = ca.vertcat(
-        ca.horzcat(cos_theta, -sin_theta, 0),
-        ca.horzcat(sin_theta * cos_alpha, cos_theta * cos_alpha, -sin_alpha),
-        ca.horzcat(sin_theta * sin_alpha, cos_theta * sin_alpha, cos_alpha),
-    )
-    if beta := float(robot.beta[joint]):
-        cos_beta, sin_beta = _cos_sin(beta)
-        about_x = ca.vertcat(
-            ca.horzcat(1, 0, 0),
-            ca.horzcat(0, cos_alpha, -sin_alpha),
-            ca.horzcat(0, sin_alpha, cos_alpha),
-        )
-        rotation = about_x @ ca.vertcat(
-            ca.horzcat(cos_beta * cos_theta, -cos_beta * sin_theta, sin_beta),
-            ca.horzcat(sin_theta, cos_theta, 0),
-            ca.horzcat(-sin_beta * cos_theta, sin_beta * sin_theta, cos_beta),
-        )
-        return ca.sparsify(rotation), ca.sparsify(ca.vertcat(a, 0, 0) + rotation[:, 2] * d)
-    position = ca.vertcat(a, -sin_alpha * d, cos_alpha * d)
+    about_x = _turn(0, *_cos_sin(float(robot.alpha[joint])))
+    about_y = _turn(1, *_cos_sin(float(robot.beta[joint])))
+    rotation = about_x @ (about_y @ about_z)
+    position = ca.vertcat(float(robot.a[joint]), 0, 0) + rotation[:, 2] * d
     return ca.sparsify(rotation), ca.sparsify(position)
 
 

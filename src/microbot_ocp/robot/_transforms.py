@@ -57,20 +57,9 @@ def fixed_angles(rotation: ArrayLike) -> FloatArray:
 
 def dh_transform(alpha: float, a: float, d: float, theta: float, beta: float = 0.0) -> FloatArray:
     """Return the transform [4,4] of a modified-DH row (Craig, equation 3.6) with Hayati's beta."""
-    ca, sa, ct, st = np.cos(alpha), np.sin(alpha), np.cos(theta), np.sin(theta)
-    matrix = np.array(
-        [
-            [ct, -st, 0.0, a],
-            [st * ca, ct * ca, -sa, -sa * d],
-            [st * sa, ct * sa, ca, ca * d],
-            [0.0, 0.0, 0.0, 1.0],
-        ]
-    )
-    if beta:
-        cb, sb = np.cos(beta), np.sin(beta)
-        about_x = np.array([[1.0, 0.0, 0.0], [0.0, ca, -sa], [0.0, sa, ca]])
-        matrix[:3, :3] = about_x @ [[cb * ct, -cb * st, sb], [st, ct, 0], [-sb * ct, sb * st, cb]]
-        matrix[:3, 3] = np.array([a, 0.0, 0.0]) + d * matrix[:3, 2]
+    # The inverse of Rot_x(alpha) Rot_y(beta) Rot_z(theta) turns about Z last, as fixed angles do.
+    rotation = rotation_of([-alpha, -beta, -theta]).T
+    matrix = transform_of(rotation, np.array([a, 0.0, 0.0]) + d * rotation[:, 2])
     return matrix + 0.0  # + 0.0 turns -0.0, which would be printed, into 0.0
 
 
