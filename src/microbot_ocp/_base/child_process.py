@@ -15,10 +15,11 @@ import threading
 import time
 import warnings
 from collections.abc import Callable
+from itertools import chain
 from multiprocessing import Pipe, parent_process
 from multiprocessing.connection import Connection
 from pathlib import Path
-from types import FrameType
+from traceback import walk_stack
 from typing import Any
 
 import numpy as np
@@ -55,16 +56,9 @@ def can_fork() -> bool:
         return False
     others = sys._current_frames()
     others.pop(threading.get_ident())
-    return not any(_is_ours(frame) for frame in others.values())
-
-
-def _is_ours(frame: FrameType | None) -> bool:
-    while frame is not None:
-        file = frame.f_code.co_filename
-        if file.startswith(PACKAGE) and file != SIGNALS:
-            return True
-        frame = frame.f_back
-    return False
+    frames = chain.from_iterable(map(walk_stack, others.values()))
+    files = {frame.f_code.co_filename for frame, _ in frames} - {SIGNALS}
+    return not any(file.startswith(PACKAGE) for file in files)
 
 
 def spare_processor() -> bool:
@@ -76,76 +70,6 @@ def spare_processor() -> bool:
         return False
     there = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else (0,)
     return can_fork() and not _is_child and len(there) > 1 and parent_process() is None
-
-
-class Child:
-    """Work in a fork of this process, in parallel to this process.
-
-    Parameters
-    ----------
-    work : callable
-        Function of one argument, a function that sends an object to this process at once.
-    """
-
-    def __init__(self, work: Callable[[Send], Any]) -> None:
-        # Warning filters are shared by all threads; no other child may inherit this pipe.
-        with _forking:
-            self.begun = time.perf_counter()
-            self.reading, writing = Pipe(duplex=False)
-            with warnings.catch_warnings():
-                # A warning about threads, which can_fork has tested.
-                warnings.simplefilter("ignore", DeprecationWarning)
-                self.process = os.fork()
-            if self.process == 0:
-                _work(work, self.reading, writing)
-            writing.close()
-
-    def answer(
-        self,
-        until: float,
-        receive: Callable[[Any], bool] | None = None,
-        silence: float = np.inf,
-        steps: Callable[[], int] | None = None,
-        most: float = np.inf,
-    ) -> Any:
-        """Return the result of the work, with the arguments of :func:`in_child`."""
-        heard = 0.0  # processor time of the child at its last sign of progress, s
-        last_count = 0
-        while True:
-            left = min(until - time.perf_counter(), 1e6)
-            if np.isfinite(most):  # processor time does not grow faster than wall time
-                left = min(left, most - self._processor_time())
-            if left <= 0:
-                raise OutOfTime
-            if not self.reading.poll(min(left, silence)):
-                now, count = self._processor_time(), last_count if steps is None else steps()
-                # Stuck means no message and no step for longer than all of the work before.
-                if count == last_count and now - heard > max(silence, heard):
-                    raise OutOfTime
-                last_count, heard = count, heard if count == last_count else now
-                continue
-            heard = self._processor_time() if np.isfinite(silence) else 0.0
-            try:
-                done, message = self.reading.recv()
-            except (EOFError, OSError):  # the pipe ended between or within messages
-                raise Died from None
-            if done:
-                return message
-            if receive is not None and not receive(message):
-                raise KeyboardInterrupt
-
-    def _processor_time(self) -> float:
-        """Return the processor time of the child, s; wall time if the system does not report it."""
-        with contextlib.suppress(OSError):
-            fields = Path(f"/proc/{self.process}/stat").read_text().rpartition(")")[2].split()
-            return sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK")
-        return time.perf_counter() - self.begun
-
-    def close(self) -> None:
-        """Kill the process."""
-        self.reading.close()
-        os.kill(self.process, signal.SIGKILL)
-        os.waitpid(self.process, 0)
 
 
 def in_child(
@@ -184,25 +108,77 @@ def in_child(
         KeyboardInterrupt is raised, too, after the child was killed.
     """
 
-    def limited(send: Send) -> Any:
-        assert most_bytes is not None
-        _limit_memory(most_bytes)
-        return work(send)
+    begun = time.perf_counter()
+    process, reading = _forked(work, most_bytes)
+    try:
+        heard = 0.0  # processor time of the child at its last sign of progress, s
+        last_count = 0
+        while True:
+            left = min(until - time.perf_counter(), 1e6)
+            if np.isfinite(most):  # processor time does not grow faster than wall time
+                left = min(left, most - _processor_time(process, begun))
+            if left <= 0:
+                raise OutOfTime
+            if not reading.poll(min(left, silence)):
+                now = _processor_time(process, begun)
+                count = last_count if steps is None else steps()
+                # Stuck means no message and no step for longer than all of the work before.
+                if count == last_count and now - heard > max(silence, heard):
+                    raise OutOfTime
+                last_count, heard = count, heard if count == last_count else now
+                continue
+            heard = _processor_time(process, begun) if np.isfinite(silence) else 0.0
+            try:
+                done, message = reading.recv()
+            except (EOFError, OSError):  # the pipe ended between or within messages
+                raise Died from None
+            if done:
+                return message
+            if receive is not None and not receive(message):
+                raise KeyboardInterrupt
+    finally:
+        reading.close()
+        os.kill(process, signal.SIGKILL)
+        os.waitpid(process, 0)
 
-    with contextlib.closing(Child(work if most_bytes is None else limited)) as child:
-        return child.answer(until, receive, silence, steps, most)
+
+def _forked(work: Callable[[Send], Any], most_bytes: int | None) -> tuple[int, Connection]:
+    """Return the number of a new process that does the work, and the pipe of its messages."""
+    # Warning filters are shared by all threads; no other child may inherit this pipe.
+    with _forking:
+        reading, writing = Pipe(duplex=False)
+        with warnings.catch_warnings():
+            # A warning about threads, which can_fork has tested.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            process = os.fork()
+        if process == 0:
+            _work(work, reading, writing, most_bytes)
+        writing.close()
+    return process, reading
 
 
-def _work(work: Callable[[Send], Any], reading: Connection, writing: Connection) -> None:
+def _work(
+    work: Callable[[Send], Any], reading: Connection, writing: Connection, most_bytes: int | None
+) -> None:
     global _is_child
     try:
         _is_child = True
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent kills this process
         end_with_parent()
         reading.close()
+        if most_bytes is not None:
+            _limit_memory(most_bytes)
         writing.send((True, work(lambda message: writing.send((False, message)))))
     finally:
         os._exit(0)
+
+
+def _processor_time(process: int, begun: float) -> float:
+    """Return the processor time of a process, s; wall time if the system does not report it."""
+    with contextlib.suppress(OSError):
+        fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+        return sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK")
+    return time.perf_counter() - begun
 
 
 def _limit_memory(most_bytes: int) -> None:
