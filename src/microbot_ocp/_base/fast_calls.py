@@ -240,20 +240,11 @@ def rows_in_place(function: ca.Function) -> Callable[[int], RowsInPlace]:
     prepared = _table_in_place(function)
     if prepared is not None:
         return prepared
-    sizes, shapes = _sizes(function)
 
     def mapped(rows: int) -> RowsInPlace:
-        inputs = [np.zeros((rows, size)) for size in sizes]
-        outputs = [np.zeros((rows, height)) for height, _ in shapes]
-        many = _many_rows(function, by_table=False)
-
-        def run() -> None:
-            answers = many(rows, inputs)
-            answers = answers if isinstance(answers, tuple) else (answers,)
-            for output, answer in zip(outputs, answers, strict=True):
-                output[...] = answer.T
-
-        return RowsInPlace(inputs, outputs, run)
+        memory = _Memory(function.map(rows))
+        inputs, outputs = ([array.T for array in side] for side in (memory.inputs, memory.outputs))
+        return RowsInPlace(inputs, outputs, memory.run, (memory,))
 
     return mapped
 

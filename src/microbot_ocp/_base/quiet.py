@@ -9,12 +9,15 @@ from __future__ import annotations
 import contextlib
 import sys
 import threading
+from collections import Counter
 from collections.abc import Iterator
+from contextvars import ContextVar
 from typing import Any
 
 STREAMS = ("stdout", "stderr")
+_silent: ContextVar[frozenset[str]] = ContextVar("silent", default=frozenset())  # names of streams
 _lock = threading.Lock()
-_silent: dict[str, set[int]] = {name: set() for name in STREAMS}  # identities of silent threads
+_uses: Counter[str] = Counter()  # contexts that suppress each stream
 
 
 class _Stream:
@@ -24,8 +27,7 @@ class _Stream:
         self.stream, self.name = stream, name
 
     def write(self, text: str) -> int:
-        silent = threading.get_ident() in _silent[self.name]
-        return len(text) if silent else self.stream.write(text)
+        return len(text) if self.name in _silent.get() else self.stream.write(text)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.stream, name)
@@ -34,35 +36,30 @@ class _Stream:
 @contextlib.contextmanager
 def quiet(*names: str) -> Iterator[None]:
     """Suppress the output of this thread to the named streams, by default to both."""
-    me = threading.get_ident()
+    names = names or STREAMS
     with _lock:
-        new = [name for name in names or STREAMS if me not in _silent[name]]
-        for name in new:
-            if not _silent[name]:
+        for name in names:
+            if not _uses[name]:
                 setattr(sys, name, _Stream(getattr(sys, name), name))
-            _silent[name].add(me)
+            _uses[name] += 1
+    token = _silent.set(_silent.get().union(names))
     try:
         yield
     finally:
+        _silent.reset(token)
         with _lock:
-            for name in new:
-                _silent[name].discard(me)
+            for name in names:
+                _uses[name] -= 1
                 stream = getattr(sys, name)
-                if not _silent[name] and isinstance(stream, _Stream):
+                if not _uses[name] and isinstance(stream, _Stream):
                     setattr(sys, name, stream.stream)
 
 
 @contextlib.contextmanager
 def aloud() -> Iterator[None]:
     """Print the output of this thread inside of :func:`quiet`, for a user's function."""
-    me = threading.get_ident()
-    with _lock:
-        held = [name for name in STREAMS if me in _silent[name]]
-        for name in held:
-            _silent[name].remove(me)
+    token = _silent.set(frozenset())
     try:
         yield
     finally:
-        with _lock:
-            for name in held:
-                _silent[name].add(me)
+        _silent.reset(token)
