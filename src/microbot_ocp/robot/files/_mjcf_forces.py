@@ -12,14 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
 from microbot_ocp._base.fast_calls import deferred_call
 from microbot_ocp.robot._dynamics import COULOMB_SMOOTHING, inverse_dynamics
 from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot.files._xml import Remarks
 
 STATES = 2  # random states; a force that vanishes at one of them acts at the other
-ROUNDING = 1e-8  # relative to the largest torque; MuJoCo rotates inertias into their principal axes
 TENDON = "stiffness stiffnesspoly damping dampingpoly armature frictionloss limited"
 # Kind of element, arrays of the model with its forces, and start of the remark.
 FORCES = (
@@ -52,7 +51,7 @@ class Forces:
             self.model.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}"))
         # The comparison excludes friction, which is smoothed here; limits of tendons always act.
         self.model.dof_frictionloss[:], self.model.jnt_limited[:] = 0.0, 0
-        self.model.tendon_range[:] = [1e3, 2e3]
+        self.model.tendon_range[:] = 1e3  # m; a shorter tendon is at its lower limit
         self.data = mujoco.MjData(self.model)
         joints = [names.index(name) for name in robot.chain.joint_names]
         self.places, self.columns = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
