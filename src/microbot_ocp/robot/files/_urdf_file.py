@@ -23,6 +23,7 @@ from microbot_ocp._base.reading import bytes_of
 from microbot_ocp.limits import JOINT_QUANTITIES
 from microbot_ocp.robot._shapes import ROLES, SIZES, Role, Shape
 from microbot_ocp.robot._transforms import (
+    ROUNDED,
     of_quaternion,
     rotation_of,
     transform_of,
@@ -371,12 +372,11 @@ class _Reader:
         """Return the unit axis [3] of a moving joint in its own frame."""
         axis = _vector(_part(joint, "axis"), "xyz", f"axis of joint {name!r}", "1 0 0")
         length = float(np.linalg.norm(axis))
-        if length < 1e-6:
+        if length == 0.0:
             raise InputError(
-                f"axis of joint {name!r} must be a unit vector, not {axis.tolist()} of length "
-                f"{length:.6g}"
+                f"axis of joint {name!r} must be a unit vector, not {axis.tolist()} of length 0"
             )
-        if abs(length - 1) > 1e-3:  # a unit vector with four digits has an error of 1e-4
+        if abs(length - 1) > ROUNDED:
             item = f"of joint {name!r}, of length {length:.6g}"
             self.remarks.add("axes are scaled to unit vectors", item)
         return axis / length
