@@ -19,7 +19,7 @@ def transform_of(rotation: ArrayLike, position: ArrayLike) -> FloatArray:
     return matrix
 
 
-NEGLIGIBLE = 1e-15  # relative to the largest value; the transforms have rounding errors below 4e-16
+NEGLIGIBLE = 4 * np.finfo(float).eps  # relative to the largest value: rounding of a transform
 PARALLEL = 1e-12  # rad and m, rounding in the computed angle or distance between equal axes
 
 
