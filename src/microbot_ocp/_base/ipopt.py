@@ -34,7 +34,7 @@ OPTIONS: dict[str, Any] = {
     "mumps_mem_percent": 100,
     "acceptable_iter": 0,  # a point at IPOPT's acceptable level is no optimum
 }
-LEAST_TIME = 1e-3  # least time limit that IPOPT accepts, s
+LEAST_TIME = np.finfo(float).eps  # IPOPT takes no time limit of 0 s
 
 
 def ipopt(
