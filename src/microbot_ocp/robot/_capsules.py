@@ -468,7 +468,7 @@ def _along(points: FloatArray, direction: FloatArray) -> Capsule:
     flat, along = points @ plane, points @ direction
     center = _circle_center(flat)
     across = np.linalg.norm(flat - center, axis=1)
-    radius = float(across.max()) * (1 + 1e-12)  # a margin for rounding
+    radius = float(across.max())
     # A cap reaches this far beyond the segment at the distance of a point from the axis.
     reach = np.sqrt(np.maximum(radius**2 - across**2, 0.0))
     # The segment covers every point if it begins before `begin` and ends after `end`.
@@ -490,7 +490,7 @@ def _circle_center(points: FloatArray) -> FloatArray:
     for _ in range(1000):
         distance = np.linalg.norm(points - center, axis=1)
         farthest = int(np.argmax(distance))
-        if distance[farthest] <= radius * (1 + 1e-12) + 1e-300:
+        if distance[farthest] <= radius * (1 + ROUNDING):
             break
         held, center, radius = _smallest([*held, points[farthest]])
     return center
