@@ -203,17 +203,14 @@ class _Model:
             )
         leader, factor, offset = self.followed.get(number, (number, 1.0, 0.0))
         joint = UrdfJoint(
-            name, kind, parent, child, frame, axis, lower, upper,
+            name, kind, parent, child, frame, axis,
+            limits={"q": (lower, upper), "tau": (least, most)},
             damping=damping,
             friction=float(model.dof_frictionloss[dof]) if rubs else 0.0,
+            armature=armature,
             leader=None if leader in (None, number) else self.joint_names[leader],
             multiplier=factor,
             offset=offset,
-            extra={
-                "armature": repr(armature),
-                "tau_min": repr(least),
-                "tau_max": repr(most),
-            },
         )  # fmt: skip
         # MuJoCo gives a body's pose at the reference position of the joint.
         joint = replace(joint, frame=frame @ joint_motion(joint, -self._reference(number)))

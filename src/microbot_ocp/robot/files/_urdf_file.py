@@ -139,23 +139,23 @@ class UrdfJoint:
     child: str
     frame: FloatArray  # transform [4,4] to the parent
     axis: FloatArray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))  # unit vector
-    lower: float = -math.inf
-    upper: float = math.inf
-    velocity: float = math.inf
-    effort: float = math.inf
-    acceleration: float = math.inf
-    jerk: float = math.inf
+    # Lower and upper limits by the keys of JOINT_QUANTITIES, all of those that are finite.
+    limits: dict[str, tuple[float, float]] = field(default_factory=dict)
     damping: float = 0.0
     friction: float = 0.0
+    armature: float = 0.0
     leader: str | None = None  # name of the joint that this one mimics
     multiplier: float = 1.0
     offset: float = 0.0
-    extra: dict[str, str] = field(default_factory=dict)
 
     @property
     def moves(self) -> bool:
         """True if the joint can be part of a chain."""
         return self.type in MOVING
+
+    def limit(self, quantity: str) -> tuple[float, float]:
+        """Return the lower and upper limit of a quantity, infinite if there is none."""
+        return self.limits.get(quantity, (-math.inf, math.inf))
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,10 +249,10 @@ def number_from(label: str, text: str) -> float:
 def _finite(
     element: Element, key: str, label: str, default: float = 0.0, at_least: float | None = None
 ) -> float:
-    if key not in element.attrib:
-        return default
+    """Return an attribute, which must be a finite number or equal to its default."""
     label = f"{key} of {label}"
-    return checks.number(label, number_from(label, element.attrib[key]), at_least=at_least)
+    value = number_from(label, element.get(key, repr(default)))
+    return value if value == default else checks.number(label, value, at_least=at_least)
 
 
 def numbers_from(label: str, text: str) -> list[float]:
@@ -337,11 +337,24 @@ class _Reader:
         frame = _frame(element, f"origin of {label}")
         if kind not in MOVING:
             return UrdfJoint(name, kind, *ends, frame=frame)
-        extra, mimic = dict(_part(element, EXTENSION).attrib), _part(element, "mimic")
-        for key in extra:
+        extra, mimic = _part(element, EXTENSION), _part(element, "mimic")
+        for key in extra.attrib:
             checks.one_of(f"<{EXTENSION}> of {label}", key, EXTRA_KEYS)
         dynamics, limit = _part(element, "dynamics"), _part(element, "limit")
-        lower, upper = self._range(limit, kind, name)
+        sizes = dict.fromkeys(RANGES, math.inf) | {
+            "qd": self._bound(limit, "velocity", label),
+            "tau": self._bound(limit, "effort", label),
+            "qdd": self._acceleration(limit, label),
+            "qddd": self._bound(limit, "jerk", label),
+        }
+        limits = {
+            key: (
+                _finite(extra, f"{key}_min", label, -size),
+                _finite(extra, f"{key}_max", label, size),
+            )
+            for key, size in sizes.items()
+        }
+        limits["q"] = lower, upper = self._range(limit, kind, name)
         safety = _part(element, "safety_controller")
         soft_lower = _finite(safety, "soft_lower_limit", label, lower)
         soft_upper = _finite(safety, "soft_upper_limit", label, upper)
@@ -354,18 +367,13 @@ class _Reader:
             *ends,
             frame=frame,
             axis=self._axis(element, name),
-            lower=lower,
-            upper=upper,
-            velocity=self._bound(limit, "velocity", label),
-            effort=self._bound(limit, "effort", label),
-            acceleration=self._acceleration(limit, label),
-            jerk=self._bound(limit, "jerk", label),
+            limits=limits,
             damping=_finite(dynamics, "damping", label, at_least=0.0),
             friction=_finite(dynamics, "friction", label, at_least=0.0),
+            armature=_finite(extra, "armature", label, at_least=0.0),
             leader=None if element.find("mimic") is None else mimic.get("joint", ""),
             multiplier=_finite(mimic, "multiplier", f"the mimic of {label}", 1.0),
             offset=_finite(mimic, "offset", f"the mimic of {label}"),
-            extra=extra,
         )
 
     def _axis(self, joint: Element, name: str) -> FloatArray:

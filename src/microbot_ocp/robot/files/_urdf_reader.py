@@ -12,7 +12,6 @@ gravity. The writer puts them into elements ``<microbot_ocp>``, which other read
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Iterator, Mapping, Set
 from dataclasses import replace
 from difflib import get_close_matches
@@ -37,7 +36,6 @@ from microbot_ocp.robot.files._urdf_file import (
     SrdfFile,
     UrdfFile,
     UrdfJoint,
-    number_from,
     read_srdf,
     urdf_file,
 )
@@ -45,8 +43,6 @@ from microbot_ocp.robot.files._xml import Remarks, read_xml
 
 MOST_TURNED = 0.1  # largest angle between axes that may be made parallel, rad
 USUAL_TOOL = "tool0"  # name of the tool frame in ROS-Industrial's convention
-# Attributes of a joint.
-FIELDS = {"qd": "velocity", "tau": "effort", "qdd": "acceleration", "qddd": "jerk"}
 LIST_WIDTH = 70  # characters of a list of names in a message
 # Each link has the number of the joint that moves it, and its frame.
 Places = dict[str, tuple[int, FloatArray]]
@@ -398,20 +394,14 @@ class _Tree:
         head = self.joints[name]
         if head in moving:
             return joint
-        ends = sorted(factor * end + offset for end in (head.lower, head.upper))
-        sides = (("min", -head.effort), ("max", head.effort))
-        torques = sorted(_extra(head, f"tau_{side}", effort) / factor for side, effort in sides)
-        forces = {f"tau_{side}": repr(t) for (side, _), t in zip(sides, torques, strict=True)}
-        return replace(
-            joint,
-            lower=max(joint.lower, ends[0]),
-            upper=min(joint.upper, ends[1]),
-            extra={k: v for k, v in joint.extra.items() if not k.startswith("tau_")} | forces,
-            **{
-                key: min(getattr(joint, key), abs(factor) * getattr(head, key))
-                for key in ("velocity", "acceleration", "jerk")
-            },
-        )
+        limits = dict(joint.limits)
+        for key in ("q", "qd", "qdd", "qddd"):
+            shift = offset if key == "q" else 0.0
+            least, most = sorted(factor * end + shift for end in head.limit(key))
+            lower, upper = joint.limit(key)
+            limits[key] = max(lower, least), min(upper, most)
+        least, most = sorted(end / factor for end in head.limit("tau"))
+        return replace(joint, limits=limits | {"tau": (least, most)})
 
     def _remark_held(self, way: list[UrdfJoint], moving: list[UrdfJoint]) -> None:
         """Add remarks on joints that a serial chain cannot follow."""
@@ -463,15 +453,14 @@ class _Tree:
         if not any(mass or inertia.any() for body in bodies[1:] for mass, _, inertia in body):
             return []
         links = []
-        for body, joint, frame in zip(bodies[1:], moving, placed, strict=True):
+        for parts, joint, frame in zip(bodies[1:], moving, placed, strict=True):
             rotation, origin = frame[:3, :3], frame[:3, 3]
-            total, center, about_center = combined(body, origin)
+            total, center, about_center = combined(parts, origin)
             turned = rotation.T @ about_center @ rotation
             inertia = (turned + turned.T) / 2
-            center, friction = rotation.T @ (center - origin), (joint.damping, joint.friction)
-            armature = _extra(joint, "armature", 0.0, at_least=0.0)
-            unphysical = inertia_fault(inertia) is not None
-            links.append(Link(total, center, inertia, armature, *friction, joint.child, unphysical))
+            body = total, rotation.T @ (center - origin), inertia
+            drive = joint.armature, joint.damping, joint.friction
+            links.append(Link(*body, *drive, joint.child, inertia_fault(inertia) is not None))
         return links
 
 
@@ -488,27 +477,20 @@ def _abbreviated(texts: list[str]) -> str:
     return ", ".join([*texts[:fitting], f"{rest} more"] if rest > 0 else texts)
 
 
-def _extra(joint: UrdfJoint, key: str, default: float, at_least: float | None = None) -> float:
-    label = f"{key} of joint {joint.name!r}"
-    value = number_from(label, joint.extra.get(key, repr(default)))
-    return value if value == default else checks.number(label, value, at_least=at_least)
-
-
 def _limits(moving: list[UrdfJoint]) -> Limits:
-    for joint in moving:
-        if joint.lower > joint.upper:
+    columns = {
+        key: tuple(map(list, zip(*(joint.limit(key) for joint in moving), strict=True)))
+        for key in ("q", *RANGES)
+    }
+    for joint, lower, upper in zip(moving, *columns["q"], strict=True):
+        if lower > upper:
             raise InputError(
                 f"lower limit of joint {joint.name!r} must be at most its upper limit of "
-                f"{joint.upper:g}, not {joint.lower:g}"
+                f"{upper:g}, not {lower:g}"
             )
-    bounds: dict[str, Any] = {}
-    for quantity in RANGES:
-        key = FIELDS.get(quantity, "")
-        bounds[f"{quantity}_max"] = tuple(
-            [_extra(j, f"{quantity}_{side}", sign * getattr(j, key, math.inf)) for j in moving]
-            for side, sign in (("min", -1.0), ("max", 1.0))
-        )
-    return Limits(q_min=[j.lower for j in moving], q_max=[j.upper for j in moving], **bounds)
+    q_min, q_max = columns.pop("q")
+    bounds: Any = {f"{key}_max": sides for key, sides in columns.items()}
+    return Limits(q_min=q_min, q_max=q_max, **bounds)
 
 
 def joint_motion(joint: UrdfJoint, position: float) -> FloatArray:
