@@ -16,6 +16,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import combinations
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -479,46 +480,42 @@ def _along(points: FloatArray, direction: FloatArray) -> Capsule:
     return Capsule(middle + begin * direction, middle + end * direction, radius)
 
 
+Places = tuple[complex, ...]  # points of a plane
+
+
 def _circle_center(points: FloatArray) -> FloatArray:
     """Return the centre [2] of the smallest circle around points [N,2].
 
     The farthest point outside joins the two or three points that determine the circle, which grows
     until no point is outside.
     """
-    held = [points[0]]
-    center, radius = points[0], 0.0
+    places = points @ [1, 1j]
+    center, radius = places[0].item(), 0.0
+    held: Places = (center,)
     for _ in range(1000):
-        distance = np.linalg.norm(points - center, axis=1)
-        farthest = int(np.argmax(distance))
+        distance = np.abs(places - center)
+        farthest = int(distance.argmax())
         if distance[farthest] <= radius * (1 + ROUNDING):
             break
-        held, center, radius = _smallest([*held, points[farthest]])
-    return center
+        radius, center, held = _smallest(held, places[farthest].item())
+    return np.array([center.real, center.imag])
 
 
-def _smallest(points: list[FloatArray]) -> tuple[list[FloatArray], FloatArray, float]:
-    """Return the two or three of four points that determine the smallest circle, and the circle."""
-    given = np.array(points)
-    pairs, triples = _choices(len(points))
-    a, b, c = (given[triples[:, k]] for k in range(3))
-    # The centre of a circle through three points is equidistant to all: a linear system for it.
-    (x1, y1), (x2, y2) = (b - a).T, (c - a).T
-    twice, s1, s2 = 2 * (x1 * y2 - x2 * y1), x1**2 + y1**2, x2**2 + y2**2
-    with np.errstate(divide="ignore", invalid="ignore"):  # three collinear points have no circle
-        around = a + np.column_stack([y2 * s1 - y1 * s2, x1 * s2 - x2 * s1]) / twice[:, None]
-    centers = np.concatenate([given[pairs].mean(axis=1), around])
-    distances = np.linalg.norm(given - centers[:, None], axis=2)
-    chosen = [*pairs.tolist(), *triples.tolist()]
-    radii = np.array([distances[row, members[0]] for row, members in enumerate(chosen)])
-    holds = distances.max(axis=1) <= radii * (1 + ROUNDING)
-    if not holds.any():
-        return points, points[0], np.inf
-    best = int(np.where(holds, radii, np.inf).argmin())
-    return [points[k] for k in chosen[best]], centers[best], float(radii[best])
+def _smallest(held: Places, new: complex) -> tuple[float, complex, Places]:
+    """Return radius, centre and two or three points of the smallest circle around some points.
 
-
-@lru_cache
-def _choices(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return indices of all pairs and of all triples out of ``count``."""
-    pairs, triples = (list(combinations(range(count), size)) for size in (2, 3))
-    return np.array(pairs), np.array(triples, dtype=int).reshape(-1, 3)
+    The circle passes through ``new``, which is outside of the smallest one around the others.
+    """
+    circles: list[tuple[complex, Places]] = [((new + p) / 2, (new, p)) for p in held]
+    for pair in combinations(held, 2):
+        a, b = (other - new for other in pair)
+        # The centre is equidistant to the three points; collinear ones have none.
+        if area := 2 * (a.conjugate() * b).imag:
+            center = new - 1j * (abs(a) ** 2 * b - abs(b) ** 2 * a) / area
+            circles.append((center, (new, *pair)))
+    around = [
+        (abs(new - center), center, members)
+        for center, members in circles
+        if max(abs(other - center) for other in held) <= abs(new - center) * (1 + ROUNDING)
+    ]
+    return min(around, key=itemgetter(0), default=(np.inf, new, held))
