@@ -25,6 +25,7 @@ from microbot_ocp._base.checks import InputError
 from microbot_ocp.robot._function import function_maker, robot_function, symbols
 from microbot_ocp.robot._kinematics import (
     chain_motion,
+    constant,
     constant_transform,
     forward_kinematics,
     frames,
@@ -49,16 +50,9 @@ def _cross(left: ca.SX, right: ca.SX) -> ca.SX:
 
 def friction_torque(robot: Robot, qd: ca.SX) -> ca.SX:
     """Return friction torques [n], each a function of the speed of its own joint."""
-    kinds = (robot.friction_of(kind).tolist() for kind in ("viscous_friction", "coulomb_friction"))
-    terms = []
-    for joint, (viscous, coulomb) in enumerate(zip(*kinds, strict=True)):
-        term = ca.SX(0)
-        if viscous:
-            term = term + viscous * qd[joint]
-        if coulomb:
-            term = term + coulomb * ca.tanh(qd[joint] / COULOMB_SMOOTHING)
-        terms.append(term)
-    return ca.vertcat(*terms)
+    kinds = (robot.friction_of(kind) for kind in ("viscous_friction", "coulomb_friction"))
+    viscous, coulomb = map(constant, kinds)
+    return viscous * qd + coulomb * ca.tanh(qd / COULOMB_SMOOTHING)
 
 
 def _newton_euler(robot: Robot, q: ca.SX, qd: ca.SX, qdd: ca.SX, *, friction: bool = True) -> ca.SX:
@@ -70,7 +64,7 @@ def _newton_euler(robot: Robot, q: ca.SX, qd: ca.SX, qdd: ca.SX, *, friction: bo
         return total + friction_torque(robot, qd) if friction else total
     count = robot.joint_count
     # Gravity acts as an upward acceleration of the base, here expressed in frame 0 of the rows.
-    acceleration = ca.sparsify(constant_transform(robot.base)[0].T @ ca.SX(ca.DM(-robot.gravity)))
+    acceleration = ca.sparsify(constant_transform(robot.base)[0].T @ constant(-robot.gravity))
     omega, omega_dot = ca.SX(3, 1), ca.SX(3, 1)
     turns, steps, forces, moments, spins = [], [], [], [], [(omega, omega_dot)]
     for joint, link in enumerate(robot.links):
@@ -87,8 +81,8 @@ def _newton_euler(robot: Robot, q: ca.SX, qd: ca.SX, qdd: ca.SX, *, friction: bo
             omega = omega + speed
         else:
             acceleration = acceleration + 2 * _cross(omega, speed) + change
-        com = ca.sparsify(ca.SX(ca.DM(link.center_of_mass)))
-        inertia = ca.sparsify(ca.SX(ca.DM(link.inertia)))
+        com = constant(link.center_of_mass)
+        inertia = constant(link.inertia)
         # Craig (6.48) to (6.50): acceleration of the centre of mass, force, and moment.
         at_com = acceleration + _cross(omega_dot, com) + _cross(omega, _cross(omega, com))
         force = link.mass * at_com
@@ -102,7 +96,7 @@ def _newton_euler(robot: Robot, q: ca.SX, qd: ca.SX, qdd: ca.SX, *, friction: bo
     # Theory (5): the spin J G qd_j a of a rotor adds to the angular momentum of its carrier.
     for joint, rotor, carrier in robot.rotors:
         omega, omega_dot = spins[carrier]
-        axis = ca.sparsify(ca.SX(ca.DM(rotor.axis)))
+        axis = constant(rotor.axis)
         spin = rotor.inertia * rotor.gear_ratio
         torque[joint] += spin * (ca.dot(axis, omega_dot) + rotor.gear_ratio * qdd[joint])
         if carrier:
@@ -134,12 +128,12 @@ def _mass_matrix(robot: Robot, q: ca.SX) -> ca.SX:
     mass, first, second = ca.SX(0), ca.SX(3, 1), ca.SX(3, 3)
     for joint in reversed(range(count)):
         link = robot.links[joint]
-        com = ca.sparsify(ca.SX(ca.DM(link.center_of_mass)))
+        com = constant(link.center_of_mass)
         # All three sums refer to the origin of this link frame.
-        inertia = ca.sparsify(ca.SX(ca.DM(link.inertia))) + link.mass * _parallel_axis(com)
+        inertia = constant(link.inertia) + link.mass * _parallel_axis(com)
         mass, first, second = mass + link.mass, first + link.mass * com, second + inertia
         # Theory (6): force and moment that accelerate the composite body by 1 about or along Z.
-        axis = ca.sparsify(ca.SX(ca.DM([0, 0, 1])))
+        axis = constant([0, 0, 1])
         if robot.joint_types[joint] == "revolute":
             force, moment = _cross(axis, first), second @ axis
         else:
@@ -163,7 +157,7 @@ def _mass_matrix(robot: Robot, q: ca.SX) -> ca.SX:
     for joint, rotor, carrier in robot.rotors:
         spin = rotor.inertia * rotor.gear_ratio
         matrix[joint, joint] += spin * rotor.gear_ratio
-        axis = ca.sparsify(ca.SX(ca.DM(rotor.axis)))
+        axis = constant(rotor.axis)
         for outer in range(carrier - 1, -1, -1):
             if robot.joint_types[outer] == "revolute":
                 coupling = spin * ca.densify(axis)[2]
@@ -286,9 +280,9 @@ def energy(robot: Robot, *, compiled: bool = False) -> ca.Function:
     state = symbols(robot, "q", "qd")
     q, qd = state.values()
     kinetic = 0.5 * ca.dot(qd, ca.densify(_mass_matrix(robot, q)) @ qd)
-    gravity, potential = ca.SX(ca.DM(robot.gravity)), ca.SX(0)
+    gravity, potential = constant(robot.gravity), ca.SX(0)
     for link, (rotation, origin) in zip(robot.links, frames(robot, q), strict=False):
-        com = origin + rotation @ ca.SX(ca.DM(link.center_of_mass))
+        com = origin + rotation @ constant(link.center_of_mass)
         potential = potential - link.mass * ca.dot(gravity, com)
     energies = {"kinetic": kinetic, "potential": potential}
     return robot_function("energy", state, energies, compiled)

@@ -8,6 +8,8 @@ Theory: docs/theory/kinematics.md, equations (2) to (4).
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 
@@ -58,15 +60,20 @@ def joint_transform(robot: Robot, joint: int, q: ca.SX) -> tuple[ca.SX, ca.SX]:
     return ca.sparsify(rotation), ca.sparsify(position)
 
 
+def constant(values: Any) -> ca.SX:
+    """Return numbers as an expression without structural zeros."""
+    return ca.sparsify(ca.SX(ca.DM(values)))
+
+
 def constant_transform(transform: FloatArray) -> tuple[ca.SX, ca.SX]:
     """Return the rotation [3,3] and position [3] of a constant transform [4,4]."""
     clean = without_rounding(transform)
-    return ca.sparsify(ca.SX(ca.DM(clean[:3, :3]))), ca.sparsify(ca.SX(ca.DM(clean[:3, 3])))
+    return constant(clean[:3, :3]), constant(clean[:3, 3])
 
 
 def selection(robot: Robot) -> ca.SX:
     """Return S [N,n], which maps rates of the coordinates to rates of all joints."""
-    return ca.sparsify(ca.SX(ca.DM(robot.transmission)))
+    return constant(robot.transmission)
 
 
 def chain_motion(robot: Robot, q: ca.SX, *rates: ca.SX) -> list[ca.SX]:
@@ -102,26 +109,27 @@ def forward_kinematics(
 ) -> ca.Function:
     """Return the pose of a frame in the base frame.
 
-    Parameters
-    ----------
-    robot : Robot
-    frame : int, optional
-        Link frame 1 to N (0 is the base); default the tool frame N+1.
-    compiled : bool
-        True to compile to C (cached); on failure CasADi's virtual machine runs, with a warning.
+        Parameters
+        ----------
+        robot : Robot
+        frame : int, optional
+            Link frame 1 to N (0 is the base); default the tool frame N+1.
+        compiled : bool
+            True to compile to C (cached); on failure CasADi's virtual machine runs, with a warning.
 
-    Returns
-    -------
-    casadi.Function
-        ``(q[n]) -> T[4,4]``.
+        Returns
+        -------
+        casadi.Function
+            ``(q[n]) -> T[4,4]``.
 
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import microbot_ocp as mo
-    >>> pose = mo.forward_kinematics(mo.load_robot("microbot"))
-    >>> np.array(pose([0, 0, 0]))[:3, 3].tolist()
-    [7.0, 0.0, 2.0]
+        Examples
+        --------
+        >>> import numpy as np
+    from numpy.typing import ArrayLike
+        >>> import microbot_ocp as mo
+        >>> pose = mo.forward_kinematics(mo.load_robot("microbot"))
+        >>> np.array(pose([0, 0, 0]))[:3, 3].tolist()
+        [7.0, 0.0, 2.0]
     """
     last = robot.link_count + 1
     index = last if frame is None else frame
@@ -172,9 +180,8 @@ def jacobian(robot: Robot, *, compiled: bool = False) -> ca.Function:
             columns.append(ca.vertcat(ca.cross(axis, ca.densify(tool - origin)), axis))
         else:
             columns.append(ca.vertcat(axis, ca.SX.zeros(3)))
-    whole = ca.horzcat(*columns)
-    whole = whole if robot.coupling is None else whole @ selection(robot)
-    return robot_function("jacobian", state, {"J": whole}, compiled)
+    of_coordinates = ca.horzcat(*columns) @ selection(robot)
+    return robot_function("jacobian", state, {"J": of_coordinates}, compiled)
 
 
 @function_maker
@@ -189,18 +196,15 @@ def velocity_propagation(robot: Robot, *, compiled: bool = False) -> ca.Function
     """
     state = symbols(robot, "q", "qd")
     (q, qd), robot = chain_motion(robot, *state.values()), robot.chain
-    count = robot.joint_count
+    steps = [joint_transform(robot, joint, q[joint]) for joint in range(robot.joint_count)]
+    steps.append(constant_transform(robot.tool))
     v, omega = ca.SX.zeros(3), ca.SX.zeros(3)
     all_v, all_omega = [], []
-    for joint in range(count + 1):
-        at_tool = joint == count
-        turn, step = (
-            constant_transform(robot.tool) if at_tool else joint_transform(robot, joint, q[joint])
-        )
+    for joint, (turn, step) in enumerate(steps):
         # Craig (5.45) to (5.48): velocities of the frame before, to which the joint adds its rate.
         v = turn.T @ (v + ca.cross(omega, ca.densify(step)))
         omega = turn.T @ omega
-        if not at_tool:
+        if joint < robot.joint_count:
             along_axis = ca.vertcat(0, 0, qd[joint])
             if robot.joint_types[joint] == "revolute":
                 omega = omega + along_axis
