@@ -533,13 +533,12 @@ class Robot(HintingOfArms):
         """
         if not self.capsules:
             raise InputError("a robot needs capsules of its own first: robot.with_capsules(...)")
-        turn, shift = self.tool[:3, :3], self.tool[:3, 3]
         held = list(self.capsules)
         for entry in capsules:
             if not isinstance(entry, Capsule):
                 raise InputError(f"a part must be made of mo.Capsule, not {entry!r}")
-            start, end = (turn @ end + shift for end in (entry.start, entry.end))
-            held.append((self.link_count, Capsule(start, end, entry.radius, entry.name or "part")))
+            part = replace(entry.moved(self.tool), name=entry.name or "part", excess=0.0)
+            held.append((self.link_count, part))
         return replace(self, capsules=tuple(held))
 
     def with_gravity(self, gravity: ArrayLike) -> Robot:

@@ -130,21 +130,11 @@ def geared_limits(limits: JointLimits, factors: FloatArray) -> JointLimits:
 
 def _moved(robot: Robot, step: FloatArray) -> Robot:
     """Return the robot with all that is fixed to its base moved by a transform [4,4]."""
-
-    def point(place: FloatArray) -> FloatArray:
-        return step[:3, :3] @ place + step[:3, 3]
-
     return replace(
         robot,
         base=step @ robot.base,
         capsules=tuple(
-            (
-                frame,
-                capsule
-                if frame
-                else replace(capsule, start=point(capsule.start), end=point(capsule.end)),
-            )
-            for frame, capsule in robot.capsules
+            (frame, capsule if frame else capsule.moved(step)) for frame, capsule in robot.capsules
         ),
         shapes=tuple(
             shape if shape.frame else replace(shape, pose=step @ shape.pose)

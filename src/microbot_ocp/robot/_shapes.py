@@ -139,6 +139,12 @@ class Capsule:
         length = float(np.linalg.norm(self.end - self.start))
         return np.pi * self.radius**2 * (length + 4 / 3 * self.radius)
 
+    def moved(self, transform: FloatArray) -> Capsule:
+        """Return the capsule moved by a transform [4,4]."""
+        rotation, shift = transform[:3, :3], transform[:3, 3]
+        start, end = (rotation @ place + shift for place in (self.start, self.end))
+        return Capsule(start, end, self.radius, self.name, self.excess)
+
     def distance(self, points: ArrayLike) -> FloatArray:
         """Return the distance [N] of points [N,3] from the surface, m; negative inside."""
         places, along = np.asarray(points, dtype=float) - self.start, self.end - self.start
