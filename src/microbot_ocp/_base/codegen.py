@@ -198,11 +198,6 @@ def compiles(wanted: bool = True) -> bool:
     return wanted and not _interpreted.get() and compiler() is not None
 
 
-def maybe_compiled(function: ca.Function, wanted: bool) -> ca.Function:
-    """Return ``function``, compiled if ``wanted``."""
-    return compile_function(function) if wanted else function
-
-
 def compile_function(function: ca.Function) -> ca.Function:
     """Compile a CasADi function to C and load it; on failure warn and return it unchanged.
 

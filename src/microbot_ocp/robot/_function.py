@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import InputError
-from microbot_ocp._base.codegen import maybe_compiled
+from microbot_ocp._base.codegen import compile_function
 
 SYMBOLS = (ca.DM, ca.SX, ca.MX)
 Maker = TypeVar("Maker", bound=Callable[..., Any])
@@ -74,7 +74,7 @@ def robot_function(
     """Return a RobotFunction of these expressions, compiled if wanted."""
     results = [ca.densify(value) for value in outputs.values()]
     function = ca.Function(name, [*inputs.values()], results, [*inputs], [*outputs])
-    return RobotFunction(maybe_compiled(function, compiled))
+    return RobotFunction(compile_function(function) if compiled else function)
 
 
 def function_maker(make: Maker) -> Maker:

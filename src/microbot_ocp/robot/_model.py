@@ -181,9 +181,6 @@ class Robot(HintingOfArms):
         count = table["alpha"].size
         types: tuple[JointType, ...] = _joint_types(joint_type, count)
         names = _joint_names(joint_names, count)
-        for key, text in (("name", name), ("description", description)):
-            if not isinstance(text, str):
-                raise InputError(f"{key} must be text, not {text!r}")
         if convention is not None:
             checks.one_of("convention", convention, ("modified", "standard"))
         _check_units(name, table)

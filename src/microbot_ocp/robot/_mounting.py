@@ -55,8 +55,6 @@ class Mounting:
             unit = "rad" if key.endswith("yaw") else "m"
             number = checks.number(f"{key} of the mounting", getattr(self, key), unit)
             object.__setattr__(self, key, number)
-        if not isinstance(self.gear_ratio, Mapping):
-            raise InputError(f"gear_ratio must be a table, not {checks.shown(self.gear_ratio)}")
         factors = {
             name: checks.number(f"gear_ratio of {name}", value, above=0.0)
             for name, value in self.gear_ratio.items()
