@@ -101,28 +101,27 @@ def _inner(function: Any) -> Any:
     return getattr(function, "__wrapped__", function)  # inspect.unwrap takes 5 ms to import
 
 
-@functools.cache
-def _refusal() -> Callable[..., None]:
+def _refuse(*call: Any) -> None:
     from microbot_ocp._base.argument_types import refuse  # imports numpy
 
-    return refuse
+    refuse(*call)
 
 
 def checking(function: Any, data: bool = False, notes: bool = False) -> Any:
     """Return a wrapper that checks argument types after an error, or after a dataclass is made."""
     inner = _inner(function)
     call, failed = functools.partial(interrupts.obeyed, notes=notes), Exception
-    refusal = _refusal
+    refuse = _refuse
 
     # The globals and the name of this code are replaced below, so it reads no global name.
     def run(*arguments, **named):  # type: ignore[no-untyped-def]
         try:
             answer = call(function, arguments, named)
         except failed as problem:
-            refusal()(inner, arguments, named, problem)
+            refuse(inner, arguments, named, problem)
             raise
         if data:
-            refusal()(inner, arguments, named)
+            refuse(inner, arguments, named)
         return answer
 
     # Doctest assigns a function to the module of its globals; tracebacks name its code.

@@ -59,9 +59,8 @@ class Ledger(tuple[LedgerRow, ...]):
         """Return a ledger in which the rows of each strategy are added up."""
         sums: dict[str, LedgerRow] = {}
         for row in rows:
-            total, before = row, sums.get(row.strategy)
-            if before is not None:
-                total = replace(
+            if before := sums.get(row.strategy):
+                row = replace(
                     row,
                     run=before.run + row.run,
                     decided=before.decided or row.decided,
@@ -69,7 +68,7 @@ class Ledger(tuple[LedgerRow, ...]):
                     iterations=before.iterations + row.iterations,
                     seconds=before.seconds + row.seconds,
                 )
-            sums[row.strategy] = total
+            sums[row.strategy] = row
         return cls(sums.values())
 
     @classmethod
