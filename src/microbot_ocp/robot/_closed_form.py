@@ -5,7 +5,7 @@ of degree 1 in each displacement of a prismatic joint. The mass matrix has degre
 torque degree 1. A discrete Fourier transform of 3 or 5 values per joint, or interpolation at 2 or 3
 displacements, therefore gives all coefficients, without computer algebra. Angles of joints with
 parallel axes share one cosine (``cos(q2 + q3)``); those of other joints are separate factors. The
-Christoffel symbols follow term by term (Craig, *Introduction to Robotics*, 3rd ed., section 6.8).
+Christoffel symbols have degree 2, too (Craig, *Introduction to Robotics*, 3rd ed., section 6.8).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import InputError
 from microbot_ocp._base.writing import write_whole
-from microbot_ocp.robot._dynamics import gravity_torque, mass_matrix
+from microbot_ocp.robot._dynamics import coriolis_matrix, gravity_torque, mass_matrix
 from microbot_ocp.robot._kinematics import forward_kinematics
 from microbot_ocp.robot._model import Robot
 from microbot_ocp.robot._transforms import NEGLIGIBLE, PARALLEL
@@ -85,22 +85,6 @@ class Series:
         turning = {joint for run in self.runs for joint in run}
         count = max((len(term.powers) for term in self.terms), default=0)
         return [joint for joint in range(count) if joint not in turning]
-
-    def slope(self, joint: int) -> Series:
-        """Return the partial derivative with respect to the position of joint index ``joint``."""
-        place = next((i for i, run in enumerate(self.runs) if joint in run), None)
-        terms: dict[Term, float] = {}
-        for (powers, waves), value in self.terms.items():
-            if not powers[joint]:
-                continue
-            if place is None:
-                lower = tuple(p - (i == joint) for i, p in enumerate(powers))
-                terms[Term(lower, waves)] = value * powers[joint]
-            else:
-                sign, wave = (-1, "sin") if waves[place] == "cos" else (1, "cos")
-                changed = (*waves[:place], wave, *waves[place + 1 :])
-                terms[Term(powers, changed)] = sign * value * powers[joint]
-        return Series(terms, self.runs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,28 +216,23 @@ def closed_form(robot: Robot) -> ClosedForm:
             "closed_form needs joints that turn others by whole numbers: "
             f"{robot.joint_names[joint]!r} does not"
         )
-    pose, _ = _expanded(robot, forward_kinematics(robot), 1)
+    pose = _expanded(robot, forward_kinematics(robot), 1)
     if not robot.has_dynamics:
         return ClosedForm(robot, pose, (), (), ())
-    mass, size = _expanded(robot, mass_matrix(robot), 2)
-    gravity, _ = _expanded(robot, gravity_torque(robot), 1)
-    every = range(robot.joint_count)
-    slopes = [[[entry.slope(k) for k in every] for entry in row] for row in mass]
-    # c[i][j][k] = (dM[i][j]/dq[k] + dM[i][k]/dq[j] - dM[j][k]/dq[i]) / 2
-    christoffel = tuple(
-        tuple(
-            tuple(_halves(slopes[i][j][k], slopes[i][k][j], slopes[j][k][i], size) for k in every)
-            for j in every
-        )
-        for i in every
-    )
+    count = robot.joint_count
+    q, qd = ca.SX.sym("q", count), ca.SX.sym("qd", count)
+    # The Coriolis matrix is linear in the speeds; its slopes are the Christoffel symbols.
+    slopes = ca.jacobian(ca.vec(coriolis_matrix(robot)(q, qd)), qd)
+    symbols = _expanded(robot, ca.Function("christoffel", [q], [ca.densify(slopes)]), 2)
+    # Row i + n j has the symbols of the entry C[i][j].
+    christoffel = tuple(symbols[i::count] for i in range(count))
+    mass = _expanded(robot, mass_matrix(robot), 2)
+    gravity = _expanded(robot, gravity_torque(robot), 1)
     return ClosedForm(robot, pose, mass, christoffel, tuple(row[0] for row in gravity))
 
 
-def _expanded(
-    robot: Robot, function: ca.Function, degree: int
-) -> tuple[tuple[tuple[Series, ...], ...], float]:
-    """Return the entries of a function of q of at most this degree, and the largest value."""
+def _expanded(robot: Robot, function: ca.Function, degree: int) -> tuple[tuple[Series, ...], ...]:
+    """Return the entries of a function of q of at most this degree."""
     count = robot.joint_count
     turns = [kind == "revolute" for kind in robot.joint_types]
     q = ca.SX.sym("q", count)
@@ -292,7 +271,7 @@ def _expanded(
             _add_wave(terms, complex(entry[place]), powers, runs)
         return Series(_cleaned(terms, size), runs)
 
-    return tuple(tuple(series(entry) for entry in row) for row in spectrum), size
+    return tuple(tuple(series(entry) for entry in row) for row in spectrum)
 
 
 def _runs(robot: Robot) -> Runs:
@@ -338,15 +317,6 @@ def _cleaned(terms: dict[Term, float], size: float) -> dict[Term, float]:
             texts = (float(f"{value:.{digits}g}") for digits in range(1, 18))
             amplitudes[term] = next(text for text in texts if abs(text - value) <= close)
     return amplitudes
-
-
-def _halves(first: Series, second: Series, third: Series, size: float) -> Series:
-    """Return ``(first + second - third) / 2``."""
-    total: dict[Term, float] = {}
-    for weight, series in ((0.5, first), (0.5, second), (-0.5, third)):
-        for term, value in series.terms.items():
-            total[term] = total.get(term, 0.0) + weight * value
-    return Series(_cleaned(total, 2 * size), first.runs)
 
 
 def _place(term: Term) -> tuple[int, tuple[int, ...], tuple[str, ...]]:
