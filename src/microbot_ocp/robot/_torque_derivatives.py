@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import accumulate
+from itertools import accumulate, combinations_with_replacement, product
 from typing import NamedTuple
 
 import casadi as ca
@@ -36,7 +36,6 @@ from microbot_ocp.robot._model import Robot
 
 FROM_JOINTS = 6  # automatic derivatives of fewer joints have fewer operations
 _UNIT = ca.SX.eye(3)
-_STATE = ("q", "qd", "qdd", "qddd")
 
 
 class _SpatialVector(NamedTuple):
@@ -216,58 +215,56 @@ def has_torque_derivatives(robot: Robot) -> bool:
 @lru_cache(maxsize=16)
 def _derivatives(robot: Robot, rates: bool, payload: bool) -> tuple[ca.Function, ca.Function]:
     n = robot.joint_count
-    q, qd, qdd, qddd, nu, pull = (ca.SX.sym(name, n) for name in (*_STATE, "nu", "pull"))
+    names = "q", "qd", "qdd", "qddd", "nu", "pull"
+    q, qd, qdd, qddd, nu, pull = (ca.SX.sym(name, n) for name in names)
     held = [ca.SX.sym("payload")] if payload else []
-    inputs = [q, qd, qdd, *([qddd] if rates else []), *held]
     first, second = _terms(robot, q, qd, qdd, nu, *held)
-    weights = nu
+    state, weights, values, slopes = [q, qd, qdd], nu, [first[()]], [first]
     if rates:
-        change = _along([q, qd, qdd], [qd, qdd, qddd], first)
-        rate = first["q"] @ qd + first["qd"] @ qdd + first["qdd"] @ qddd
-        # taud = tau_q qd + tau_qd qdd + tau_qdd qddd, so d taud / d qd = d/dt tau_qd + tau_q.
-        jacobian = [
-            [first["q"], first["qd"], first["qdd"], ca.SX(n, n)],
-            [change["q"], change["qd"] + first["q"], change["qdd"] + first["qd"], first["qdd"]],
-        ]
-        values = ca.vertcat(first["tau"], rate)
+        change = _along(state, [qd, qdd, qddd], first)
+        values.append(first[(0,)] @ qd + first[(1,)] @ qdd + first[(2,)] @ qddd)
+        slopes.append({(k,): _of_rate((k,), first, change) for k in range(4)})
         # d/dt (nu . tau) = nu . taud + nud . tau: pull = nud weights the torques, nu their rates.
-        change = _along([q, qd, qdd, nu], [qd, qdd, qddd, pull], second)
+        change = _along([*state, nu], [qd, qdd, qddd, pull], second)
         weights = ca.vertcat(pull, nu)
-        gradient = [
-            change["q"],
-            change["qd"] + second["q"],
-            change["qdd"] + second["qd"],
-            second["qdd"],
-        ]
-        crossed = second["q qd"] + second["q qd"].T
-        hessian = {
-            "q q": change["q q"],
-            "q qd": change["q qd"] + second["q q"],
-            "q qdd": change["q qdd"] + second["q qd"],
-            "q qddd": second["q qdd"],
-            "qd qd": change["qd qd"] + crossed,
-            "qd qdd": second["qd qd"] + second["q qdd"],
-        }
-    else:
-        jacobian, values = [[first[name] for name in _STATE[:3]]], first["tau"]
-        gradient = [second[name] for name in _STATE[:3]]
-        hessian = {name: second[name] for name in ("q q", "q qd", "q qdd", "qd qd")}
+        keys = [*product(range(4)), *combinations_with_replacement(range(4), 2)]
+        second = {key: _of_rate(key, second, change) for key in keys}
+        state = [*state, qddd]
+    inputs, orders = [*state, *held], range(len(state))
     size = sum(k.shape[0] for k in inputs)
     matrix = ca.SX(size, size)
-    for name, block in hessian.items():
-        i, k = map(_STATE.index, name.split())
+    for i, k in combinations_with_replacement(orders, 2):
+        block = second.get((i, k), ca.SX(n, n))
         matrix[i * n : (i + 1) * n, k * n : (k + 1) * n] = block
         matrix[k * n : (k + 1) * n, i * n : (i + 1) * n] = block.T
-    rows = ca.blockcat(jacobian)
+    rows = ca.blockcat([[terms.get((k,), ca.SX(n, n)) for k in orders] for terms in slopes])
     rows = ca.horzcat(rows, ca.SX(rows.shape[0], len(held)))
-    slope = ca.densify(ca.vertcat(*gradient, ca.SX(len(held), 1)))
+    slope = ca.densify(ca.vertcat(*(second[(k,)] for k in orders), ca.SX(len(held), 1)))
     return (
-        ca.Function("first_derivatives", inputs, ca.cse([ca.densify(values), rows])),
+        ca.Function("first_derivatives", inputs, ca.cse([ca.densify(ca.vertcat(*values)), rows])),
         ca.Function("second_derivatives", [*inputs, weights], ca.cse([slope, matrix])),
     )
 
 
-def _along(names: list[ca.SX], rates: list[ca.SX], terms: dict[str, ca.SX]) -> dict[str, ca.SX]:
+# A term by the orders of the variables of its derivative: (0, 1) is that by q and qd.
+Terms = dict[tuple[int, ...], ca.SX]
+
+
+def _of_rate(key: tuple[int, ...], terms: Terms, change: Terms) -> ca.SX:
+    """Return a derivative of df/dt from derivatives of f, ``terms``, and their rates of change.
+
+    The derivative of df/dt by qdd is the rate of change of that of f by qdd, plus that by qd.
+    """
+    zero = ca.SX(1, 1)
+
+    def term(known: Terms, key: tuple[int, ...]) -> ca.SX:
+        return known[key] if key in known else known.get(key[::-1], zero).T
+
+    lower = ((*key[:p], order - 1, *key[p + 1 :]) for p, order in enumerate(key) if order)
+    return term(change, key) + sum((term(terms, each) for each in lower), zero)
+
+
+def _along(names: list[ca.SX], rates: list[ca.SX], terms: Terms) -> Terms:
     """Return time derivatives of all terms."""
     flat = ca.vertcat(*(ca.vec(ca.densify(term)) for term in terms.values()))
     change = ca.jtimes(flat, ca.vertcat(*names), ca.vertcat(*rates))
@@ -280,7 +277,7 @@ def _along(names: list[ca.SX], rates: list[ca.SX], terms: dict[str, ca.SX]) -> d
 
 def _terms(
     robot: Robot, q: ca.SX, qd: ca.SX, qdd: ca.SX, nu: ca.SX, payload: ca.SX | None = None
-) -> tuple[dict[str, ca.SX], dict[str, ca.SX]]:
+) -> tuple[Terms, Terms]:
     """Return torques with their Jacobians, and first and second derivatives of nu . tau.
 
     The second derivatives with respect to qd and qdd, and twice to qdd, are zero.
@@ -336,6 +333,6 @@ def _terms(
                 tau_qd[k, i] = 2 * inner.rate.dot(with_screw) + inner.screw.dot(backward)
                 q_qd[k, i] = 2 * inner.rate.dot(with_virtual) + inner.screw.dot(with_rate)
                 q_qdd[k, i] = inner.screw.dot(with_virtual)
-    first = {"tau": tau, "q": tau_q, "qd": tau_qd, "qdd": tau_qdd}
-    gradient = {"q": by_q, "qd": by_qd, "qdd": by_qdd}
-    return first, gradient | {"q q": q_q, "q qd": q_qd, "qd qd": qd_qd, "q qdd": q_qdd}
+    gradient = {(0,): by_q, (1,): by_qd, (2,): by_qdd}
+    hessian = {(0, 0): q_q, (0, 1): q_qd, (1, 1): qd_qd, (0, 2): q_qdd}
+    return {(): tau, (0,): tau_q, (1,): tau_qd, (2,): tau_qdd}, gradient | hessian
