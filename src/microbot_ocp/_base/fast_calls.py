@@ -298,13 +298,8 @@ def _extension(
 
 def _source(function: ca.Function, most: int, kept: bool, alike: bool) -> str:
     """Return the C text of a module."""
-    if alike:
-        return c_source([function]) + _glue(function, most, kept, "")
-    return (
-        _sines_of("double")
-        + c_source([function])
-        + _glue(function, most, kept, _sines_of("vector"))
-    )
+    single, wide = ("", "") if alike else map(_sines_of, ("double", "vector"))
+    return single + c_source([function]) + _glue(function, most, kept, wide)
 
 
 def _sines_of(real: str) -> str:

@@ -550,36 +550,28 @@ class Robot(HintingOfArms):
     @cached_property
     def chain_digest(self) -> str:
         """Digest of joint types, rows, base and tool, 12 digits, without names, links, limits."""
-        digest = hashlib.sha256(repr(self.joint_types).encode())
         rows = self.alpha, self.a, self.d, self.theta_offset, self.beta
-        for item in (*rows, self.base, self.tool):
-            digest.update(np.ascontiguousarray(item + 0.0).tobytes())
-        return digest.hexdigest()[:12]
+        numbers = (item + 0.0 for item in (*rows, self.base, self.tool))
+        return _digest_of(self.joint_types, numbers)[:12]
 
     @cached_property
     def _digest(self) -> str:
-        digest = hashlib.sha256(repr((self.name, self.joint_types, self.joint_names)).encode())
-        rows = self.alpha, self.a, self.d, self.theta_offset
-        arrays: list[ArrayLike] = [*rows, self.gravity, self.tool]
+        texts: list[Any] = [self.name, self.joint_types, self.joint_names, self.disabled_pairs]
+        rows = self.alpha, self.a, self.d, self.theta_offset, self.beta + 0.0
+        arrays: list[ArrayLike] = [*rows, self.gravity, self.tool, self.base + 0.0]
         arrays += [bound for key in JOINT_QUANTITIES for bound in self.limits.bounds(key)]
         for link in self.links:
             friction = link.viscous_friction, link.coulomb_friction
             arrays += [(link.mass, link.armature, *friction), link.center_of_mass, link.inertia]
         for joint, rotor, carrier in self.rotors:
             arrays += [(joint, rotor.inertia, rotor.gear_ratio, carrier), rotor.axis]
-        arrays += [] if np.array_equal(self.base, np.eye(4)) else [self.base]
-        arrays += [self.beta] if self.beta.any() else []
         if self.coupling is not None:
-            digest.update(repr((self.coupling.names, self.coupling.types)).encode())
+            texts += [self.coupling.names, self.coupling.types]
             arrays += [self.coupling.matrix, self.coupling.offsets]
-        if self.disabled_pairs is not None:
-            digest.update(repr(self.disabled_pairs).encode())
         for frame, capsule in self.capsules:
-            digest.update(capsule.name.encode())
+            texts.append(capsule.name)
             arrays += [(frame, capsule.radius), capsule.start, capsule.end]
-        for item in arrays:
-            digest.update(np.array(item, dtype=float, order="C").tobytes())
-        return digest.hexdigest()
+        return _digest_of(texts, arrays)
 
     def __eq__(self, other: object) -> bool:
         return (
@@ -590,6 +582,13 @@ class Robot(HintingOfArms):
 
     def __hash__(self) -> int:
         return hash((self._digest, self.limits.also))
+
+
+def _digest_of(texts: Any, arrays: Iterable[ArrayLike]) -> str:
+    digest = hashlib.sha256(repr(texts).encode())
+    for item in arrays:
+        digest.update(np.array(item, dtype=float, order="C").tobytes())
+    return digest.hexdigest()
 
 
 def _columns(**columns: Any) -> dict[str, Any]:
