@@ -68,10 +68,8 @@ def dh_rows(points: FloatArray, axes: FloatArray, parallel_tolerance: float) -> 
 
 def _frame_zero(point: FloatArray, axis: FloatArray) -> FloatArray:
     """Return frame 0 [4,4] in the base frame; the base frame itself if possible."""
-    if np.hypot(axis[0], axis[1]) < PARALLEL and axis[2] > 0:
-        beside = np.array([point[0], point[1], 0.0])
-        if np.linalg.norm(beside) < PARALLEL:
-            return np.eye(4)
+    if axis[2] > 0 and max(np.hypot(*axis[:2]), np.hypot(*point[:2])) < PARALLEL:
+        return np.eye(4)
     x = _across(np.eye(3)[0], axis)
     return transform_of(np.column_stack([x, np.cross(axis, x), axis]), point)
 

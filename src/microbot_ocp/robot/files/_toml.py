@@ -190,12 +190,10 @@ def _limits(rows: list[dict[str, Any]], also: tuple[Limit, ...]) -> Limits:
         values = [row.get(key, -math.inf if key == "q_min" else math.inf) for row in rows]
         for row, value in zip(rows, values, strict=True):
             name = f"{key} of joint {row['name']!r}"
-            if not isinstance(value, list):
-                _number_or_inf(name, value)
-            elif key.startswith("q_m"):
-                raise InputError(f"{name} must be a number, not {value}")
-            else:
+            if isinstance(value, list) and not key.startswith("q_"):
                 checks.array(f"{name} as [lower, upper]", value, (2,), finite=False)
+            else:
+                _number_or_inf(name, value)
         columns[key] = values
         if any(isinstance(value, list) for value in values):
             pairs = [value if isinstance(value, list) else [-value, value] for value in values]
