@@ -10,6 +10,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
+from microbot_ocp.robot._transforms import EXACT
 
 Part = tuple[float, FloatArray, FloatArray]  # mass, centre [3], inertia about the centre [3,3]
 INERTIA_ROUNDING = 1e-15  # kg m^2, of 1 mg at 30 um: rounding of an inertia that should be zero
@@ -156,7 +157,7 @@ def inertia_fault(inertia: FloatArray) -> str | None:
         return (
             f"must be positive semi-definite, but a principal moment is {principal[0]:.6g} kg m^2"
         )
-    if principal[0] + principal[1] < principal[2] - 1e-6 * size - INERTIA_ROUNDING:
+    if principal[0] + principal[1] < principal[2] - EXACT * size - INERTIA_ROUNDING:
         return (
             f"breaks the triangle inequality: principal moments {principal[0]:.6g} + "
             f"{principal[1]:.6g} < {principal[2]:.6g} kg m^2, which no rigid body has"

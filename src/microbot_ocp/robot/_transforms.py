@@ -63,8 +63,8 @@ def dh_transform(alpha: float, a: float, d: float, theta: float, beta: float = 0
     return matrix + 0.0  # + 0.0 turns -0.0, which would be printed, into 0.0
 
 
-# Deviation of R R' from the identity: of a rotation, and of one rounded to four digits, which is
-# also that of the length of a unit vector.
+# Relative errors of numbers written with six digits and with four: of rotations (R R' against the
+# identity), unit vectors, inertias.
 EXACT, ROUNDED = 1e-6, 1e-3
 
 
