@@ -50,10 +50,6 @@ class RobotFunction(ca.Function):
                 ) from problem
 
 
-def _is_value(value: Any) -> bool:
-    return isinstance(value, SYMBOLS) or np.ndim(value) > 0
-
-
 def _shape(value: Any) -> tuple[int, ...]:
     if isinstance(value, SYMBOLS):
         return value.shape
@@ -85,7 +81,7 @@ def function_maker(make: Maker) -> Maker:
     cached = lru_cache(maxsize=128, typed=True)(make)
 
     def maker(robot: Any, *arguments: Any, **settings: Any) -> Any:
-        if any(_is_value(value) for value in arguments):
+        if any(isinstance(value, SYMBOLS) or np.ndim(value) > 0 for value in arguments):
             name = make.__name__
             inputs = ", ".join(cached(robot.without_limits).name_in())
             raise InputError(f"{name} makes a function: write {name}(robot)({inputs})")
