@@ -101,15 +101,12 @@ _Waiting = tuple[ca.MX, str, ca.MX]  # node, name of its function, condition of 
 
 def has_tables(function: ca.Function) -> bool:
     """Return True if a function, or one that it calls, reads a table."""
-    return any(map(_has_table, (function, *function.find_functions())))
-
-
-def _has_table(function: ca.Function) -> bool:
-    """Return True if a function reads a table, calls of others aside."""
-    if not function.is_a("MXFunction"):
-        return function.class_name().endswith("Interpolant")
-    nodes = range(function.n_instructions())
-    return any(function.instruction_id(k) in (ca.OP_LOW, ca.OP_BSPLINE) for k in nodes)
+    for part in (function, *function.find_functions()):
+        nodes = range(part.n_instructions() if part.is_a("MXFunction") else 0)
+        in_place = any(part.instruction_id(k) in (ca.OP_LOW, ca.OP_BSPLINE) for k in nodes)
+        if in_place or part.class_name().endswith("Interpolant"):
+            return True
+    return False
 
 
 def _all(expressions: Sequence[ca.MX]) -> Iterator[Lookup]:

@@ -39,16 +39,13 @@ class Portable:
         return _restored, (content,)
 
     def __copy__(self) -> Self:
-        return self._copied(self.__dict__)
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        memo[id(self)] = new = self._copied({})
-        new.__dict__.update(copy.deepcopy(self.__dict__, memo))
+        new = object.__new__(type(self))
+        new.__dict__.update(self.__dict__)
         return new
 
-    def _copied(self, state: dict[str, Any]) -> Self:
-        new = object.__new__(type(self))
-        new.__dict__.update(state)
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        memo[id(self)] = new = object.__new__(type(self))
+        new.__dict__.update(copy.deepcopy(self.__dict__, memo))
         return new
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp.limits import JOINT_QUANTITIES
 from microbot_ocp.robot._model import Robot
 
 
@@ -119,9 +120,8 @@ def drive_advice(robot: Robot, qdd: Any = None) -> str:
     'motions may accelerate faster than a drive can: for wrist, neither the rotor inertia'
     """
     masses = robot.has_dynamics
-    limited = {key: np.isfinite(robot.limits.bounds(key)).any(0) for key in ("tau", "taud")}
-    bounded = np.isfinite([robot.limits.bounds(key) for key in ("qdd", "qddd")]).any((0, 1))
-    bounded |= limited["taud"] & masses
+    limited = {key: np.isfinite(robot.limits.bounds(key)).any(0) for key in JOINT_QUANTITIES}
+    bounded = limited["qdd"] | limited["qddd"] | (limited["taud"] & masses)
     unlimited = np.flatnonzero(~bounded & ~(limited["tau"] & masses)).tolist()
     limitless = np.flatnonzero(~bounded).tolist()
     owned = [*zip(robot.transmission.nonzero()[1].tolist(), robot.links, strict=False)]
