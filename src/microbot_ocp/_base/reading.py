@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.needed import needed
 
 MOST_BYTES = 500_000_000  # largest file that is read into memory
 DEEPEST = 200  # deepest nesting of elements or tables; a robot file has about six
@@ -68,10 +69,7 @@ def yaml_of(path: str | Path, label: str) -> Any:
     InputError
     """
     text = text_of(path, label)
-    try:
-        import yaml
-    except ImportError:
-        raise InputError("a YAML file needs PyYAML: pip install 'microbot_ocp[export]'") from None
+    yaml = needed("yaml", "a YAML file needs PyYAML, the package", "export")
     try:
         return yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
     except (yaml.YAMLError, ValueError, RecursionError) as problem:
