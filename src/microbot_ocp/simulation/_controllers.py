@@ -8,7 +8,7 @@ Control*, section 8.5 (PD with gravity compensation).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import ClassVar, NamedTuple, Protocol
 
 import casadi as ca
@@ -162,9 +162,8 @@ class SensorNoise:
 
 # The gains of these controllers are inputs of the loop, so one compiled loop serves all gains.
 GAINS: dict[type, tuple[str, ...]] = {
-    ComputedTorque: ("kp", "kv"),
-    PDGravity: ("kp", "kv"),
-    Feedforward: (),
+    kind: tuple(field.name for field in fields(kind))
+    for kind in (ComputedTorque, PDGravity, Feedforward)
 }
 
 

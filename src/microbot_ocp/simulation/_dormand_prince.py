@@ -24,7 +24,8 @@ NOT_FINITE = "the accelerations are not finite"
 NOT_FINITE_AT_START = "the accelerations are not finite at the start"
 OVER = "stopped at the time limit"
 
-SMALLEST = 1e-15  # smallest step relative to the time, at the level of rounding
+SMALLEST = np.finfo(float).eps  # smallest step relative to the time
+TINY = np.finfo(float).tiny  # keeps divisors above zero
 LAST_TERM = (4 / 7) ** 4 * (3 / 7) ** 3  # largest value of s^4 (1 - s)^3, the last dense term
 STAGES = 12  # stages of the step; 4 more rates follow for the dense output
 
@@ -77,12 +78,12 @@ def step_function(rate: ca.Function) -> ca.Function:
         ca.sumsqr(ca.mtimes(rates[:, :STAGES], ca.DM(row)) / scale)
         for row in (order_5, order_3 + weights[STAGES, :STAGES])
     )
-    error = width * fifth / ca.sqrt(states * (fifth + 0.01 * third) + 1e-300)
+    error = width * fifth / ca.sqrt(states * (fifth + 0.01 * third) + TINY)
     # Between its ends a long step may be less accurate; the last dense term measures that error.
     between = LAST_TERM * ca.sqrt(ca.sumsqr(late[:, 3] / scale) / states)
     error = ca.fmax(error, between) + 0 * between  # fmax drops NaN, the product restores it
     good = error <= 1
-    factor = ca.fmin(6, ca.fmax(1 / 3, 0.9 * ca.fmax(error, 1e-9) ** -0.125))
+    factor = ca.fmin(6, ca.fmax(1 / 3, 0.9 * ca.fmax(error, TINY) ** -0.125))
     following = width * ca.if_else(error < np.inf, factor, 1 / 3)  # NaN counts as a rejected step
     # A step shortened to hit the end must not shorten the next one.
     following = ca.if_else(ca.logic_and(good, whole), ca.fmax(wanted, following), following)

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from functools import lru_cache
-from typing import Any, NamedTuple, TypeVar
+from functools import lru_cache, partial
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike
 
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import ROUNDING, FloatArray
@@ -29,21 +28,13 @@ from microbot_ocp.simulation._dormand_prince import (
     integrated,
     step_function,
 )
-
-Values = Callable[[FloatArray], FloatArray]  # maps times [N] to values [N,m]
+from microbot_ocp.simulation._signals import Signal, series_value
 
 TOLERANCE = 1e-10  # usual relative tolerance of a simulation
 COARSEST = 1e-2  # largest tolerance of a simulation
-INTEGRATORS = ("dop853", "cvodes", "idas", "collocation", "rk")
-
-DEGREE = 10  # degree of the Chebyshev series of an input between breaks
-FIT_ERROR = 1e-11  # largest error of the series, relative to the largest value
+BY_ERROR = ("cvodes", "idas")  # integrators of CasADi that control their error
+INTEGRATORS = ("dop853", *BY_ERROR, "collocation", "rk")
 LONGEST_STEP = 0.1  # longest step relative to a piece, so that no motion after a rest is skipped
-
-
-# Chebyshev nodes exclude the ends of a piece, because a signal has two values at a break.
-NODES = -np.cos((2 * np.arange(DEGREE + 1) + 1) * np.pi / (2 * DEGREE + 2))
-FIT = np.linalg.inv(np.polynomial.chebyshev.chebvander(NODES, DEGREE))
 STEPS = 64  # steps in one compiled call; the time limit is checked between calls
 
 # Reasons by a part of the integrators' return codes; the first part that matches counts.
@@ -56,26 +47,6 @@ FAILURES = {
     "RHSFUNC": NOT_FINITE,
     "RES_": NOT_FINITE,
 }
-
-
-class Pieces(NamedTuple):
-    """A signal as Chebyshev series in time: ``edges`` [K+1], coefficients [K, degree+1, m]."""
-
-    edges: FloatArray
-    coefficients: FloatArray
-
-
-class Signal(NamedTuple):
-    """Signal of time: a formula, or values with Chebyshev series that fit them between breaks.
-
-    ``formula`` is a CasADi function ``(t) -> w[m]``; a formula has no ``pieces``. ``values``
-    returns the signal [N,m] at times [N].
-    """
-
-    values: Values
-    formula: ca.Function | None = None
-    pieces: Pieces | None = None
-
 
 Rate = Callable[[ca.SX, ca.SX, ca.SX, ca.SX], ca.SX]
 
@@ -113,24 +84,41 @@ class ForcedEquation(NamedTuple):
         each = [edges[:-1], np.diff(edges), parameters, series.reshape(edges.size - 1, -1)]
         return edges, np.column_stack(each)
 
-    def equation(self, start: float, end: float) -> tuple[dict[str, ca.SX], FloatArray, FloatArray]:
-        """Return CasADi's dictionary of the equation in s, the edges [K+1] and the inputs [p,K]."""
-        edges, each = self.inputs(start, end)
+    def equation(
+        self, grid: FloatArray
+    ) -> tuple[dict[str, ca.SX], FloatArray, FloatArray, np.ndarray]:
+        """Return the equation in s for CasADi's integrators.
+
+        Returns
+        -------
+        equation : dict
+            Dictionary of CasADi.
+        stops, inputs : array [K] and [p,K]
+            Ends of all pieces and times of the grid after its first, as s, and the inputs there.
+        wanted : array [N-1]
+            Stop of each time of the grid.
+        """
+        edges, each = self.inputs(float(grid[0]), float(grid[-1]))
         inputs = np.column_stack([np.arange(float(len(each))), each])
         s, x, u = ca.SX.sym("s"), ca.SX.sym("x", self.states), ca.SX.sym("u", inputs.shape[1])
         y, series = s - u[0], u[3 + self.parameters.size :]
         if len(each) == 1:
             speed, place = u[2], y
         else:
-            speed, place = u[2] * 30 * y**2 * (1 - y) ** 2, y**3 * (10 - 15 * y + 6 * y**2)
+            speed, place = u[2] * 30 * y**2 * (1 - y) ** 2, _place(y)
         t = u[1] + u[2] * place
         if self.signal.pieces is None:
             assert self.signal.formula is not None
             w = self.signal.formula(t)
         else:
-            w = _series(2 * place - 1, series, self.signal.pieces.coefficients.shape[1:])
+            w = series_value(2 * place - 1, series, self.signal.pieces.coefficients.shape[1:])
         ode = speed * self.rate(t, x, w, ca.SX(ca.DM(self.parameters)))
-        return {"t": s, "x": x, "u": u, "ode": ode}, edges, inputs.T
+        at = _stretched(grid, edges)[1:]
+        stops = np.union1d(at, np.arange(1.0, edges.size))
+        stops = stops[np.append(np.diff(stops) > ROUNDING, True)]
+        piece = np.maximum(np.ceil(stops - ROUNDING), 1).astype(int) - 1
+        wanted = np.searchsorted(stops, at - ROUNDING)
+        return {"t": s, "x": x, "u": u, "ode": ode}, stops, inputs[piece].T, wanted
 
 
 @lru_cache(maxsize=64)
@@ -141,7 +129,7 @@ def _steps(rate: Rate, states: int, parameters: int, kind: str | tuple[int, int]
     if isinstance(kind, str):
         w = ca.Function.deserialize(kind)(t)
     else:
-        w = _series(2 * (t - u[0]) / u[1] - 1, u[2 + parameters :], kind)
+        w = series_value(2 * (t - u[0]) / u[1] - 1, u[2 + parameters :], kind)
     names = ["t", "x", "u"], ["rate"]
     function = ca.Function("rate", [t, x, u], [rate(t, x, w, u[2 : 2 + parameters])], *names)
     return deferred_call(step_function(function), STEPS, kept=True)
@@ -170,160 +158,88 @@ class IntegrationRun(NamedTuple):
     trace: tuple[FloatArray, FloatArray] | None = None
 
 
-SHORTEST_PIECE = 0.5e-3  # length below which a piece without break is not divided, s
-
-
-def fitted(values: Values, breaks: FloatArray, tolerance: ArrayLike) -> Signal:
-    """Fit values by a Chebyshev series on every piece of the time.
-
-    Pieces start as the whole time and are divided at the break nearest to their middle, so that
-    smooth intervals keep long pieces and a jump ends up between two pieces.
-
-    Parameters
-    ----------
-    values : callable
-        Function from times [N] to values [N,m]; it is never evaluated at a break.
-    breaks : array [K+1]
-        Times at which the values or their derivatives may jump, both ends included, s.
-    tolerance : array_like [m]
-        Largest error of each column.
-    """
-    tolerance = np.maximum(tolerance, 1e-17)
-    probes = -np.cos((np.arange(DEGREE) + 1) * np.pi / (DEGREE + 1))
-    probe = np.polynomial.chebyshev.chebvander(probes, DEGREE)
-    both = np.concatenate([NODES, probes])
-    todo = [(float(breaks[0]), float(breaks[-1]))]
-    edges: list[float] = []
-    coefficients: list[FloatArray] = []
-    while todo:
-        spans = np.array(todo)
-        middle, half = spans.mean(axis=1), 0.5 * np.diff(spans, axis=1)[:, 0]
-        t = middle[:, None] + half[:, None] * both
-        samples = values(t.ravel()).reshape(*t.shape, -1)
-        series = FIT @ samples[:, : DEGREE + 1]
-        error = np.abs(probe @ series - samples[:, DEGREE + 1 :]).max(axis=1)
-        fits = (error <= tolerance).all(axis=1)
-        todo = []
-        for (start, end), good, polynomial in zip(spans, fits, series, strict=True):
-            low = np.searchsorted(breaks, start, side="right")
-            inner = breaks[low : np.searchsorted(breaks, end, side="left")]
-            if good or not (inner.size or end - start > SHORTEST_PIECE):
-                edges.append(start)
-                coefficients.append(polynomial)
-                continue
-            cut = 0.5 * (start + end)
-            if inner.size:
-                cut = float(inner[np.abs(inner - cut).argmin()])
-            todo += [(start, cut), (cut, end)]
-    order = np.argsort(edges)
-    pieces = Pieces(np.append(np.array(edges)[order], breaks[-1]), np.array(coefficients)[order])
-    return Signal(values, None, pieces)
-
-
-def _series(place: ca.SX, flat: ca.SX, shape: tuple[int, ...]) -> ca.SX:
-    """Return the value [m] of Chebyshev series at ``place`` in [-1, 1] by Clenshaw's recurrence."""
-    terms, width = shape
-    series = ca.reshape(flat, width, terms)
-    later, latest = ca.SX.zeros(width), ca.SX.zeros(width)
-    for k in range(terms - 1, 0, -1):
-        later, latest = series[:, k] + 2 * place * later - latest, later
-    return series[:, 0] + place * later - latest
-
-
-def formula_signal(t: ca.SX, expression: ca.SX) -> Signal:
-    """Return the signal of an expression [m] of the time ``t``."""
-    function = ca.Function("signal", [t], [ca.densify(expression)], ["t"], ["w"])
-
-    def values(times: FloatArray) -> FloatArray:
-        return np.array(function.map(times.size)(times[None, :])).T
-
-    return Signal(values, function)
+PARTS = 10  # integrator calls under a time limit; finished parts are kept
+PROBING_STEPS = 2000  # steps of the fixed-step run that locates a failure
 
 
 def integrate(
     forced: ForcedEquation, start: FloatArray, grid: FloatArray, settings: IntegratorSettings
 ) -> IntegrationRun:
     """Integrate the equation; return its states [N, states] at the times of the grid."""
-    if settings.integrator != "dop853":
-        return _by_plugin(forced, start, grid, settings)
+    method = _by_steps if settings.integrator == "dop853" else _by_plugin
+    run = method(forced, start, grid, settings)
+    if run.status in (Status.SOLVED, Status.TIME_LIMIT) or settings.integrator == "rk":
+        return run
+    # A fixed-step run continues beyond the failure, so it shows where the states diverge.
+    fixed = settings._replace(integrator="rk")
+    return run._replace(trace=(grid, _plugin_states(forced, start, grid, fixed, PROBING_STEPS)))
+
+
+def _by_steps(
+    forced: ForcedEquation, start: FloatArray, grid: FloatArray, settings: IntegratorSettings
+) -> IntegrationRun:
+    """Integrate by the method of Dormand and Prince."""
     pieces = forced.inputs(float(grid[0]), float(grid[-1]))
     # The nodes of one step sample a whole series; a formula may vary faster than any step.
     longest = np.inf if forced.signal.pieces else LONGEST_STEP * (grid[-1] - grid[0])
     limits = settings.tolerance, settings.max_steps, longest
     states, message = integrated(forced.steps(), pieces, start, grid, *limits)
-    if not message:
-        return IntegrationRun(Status.SOLVED, states)
-    if message is OVER:
-        return run_without_states(Status.TIME_LIMIT, OVER)._replace(states=states)
-    # A fixed-step run continues beyond the failure, so it shows where the failure is.
-    settings = settings._replace(integrator="rk")
-    return _by_plugin(forced, start, grid, settings, _failed(message, states))
-
-
-PARTS = 10  # integrator calls under a time limit; finished parts are kept
-PROBING_STEPS = 2000  # steps of the fixed-step run that locates a failure
+    if not message or message is OVER:
+        status = Status.TIME_LIMIT if message else Status.SOLVED
+        return IntegrationRun(status, states, message=message)
+    return _failed(message, states)
 
 
 def _by_plugin(
+    forced: ForcedEquation, start: FloatArray, grid: FloatArray, settings: IntegratorSettings
+) -> IntegrationRun:
+    """Integrate with one of CasADi's integrators in one call."""
+    arrived = np.full((grid.size, forced.states), np.nan)
+
+    def work(send: Send) -> IntegrationRun:
+        stops = forced.equation(grid)[1].size
+        states = partial(_plugin_states, forced, start, grid, settings, send=send)
+        return with_halved_steps(states, settings, max(stops, 32))
+
+    def receive(states: FloatArray) -> None:
+        arrived[: len(states)] = states
+
+    run = within_deadline(work, receive)
+    return run if run.states.size else run._replace(states=arrived)
+
+
+def _plugin_states(
     forced: ForcedEquation,
     start: FloatArray,
     grid: FloatArray,
     settings: IntegratorSettings,
-    failed: IntegrationRun | None = None,
-) -> IntegrationRun:
-    """Integrate with one of CasADi's integrators in one call, or trace a failed run."""
-    equation, edges, inputs = forced.equation(float(grid[0]), float(grid[-1]))
-    s = _stretched(grid, edges)
-    stops = np.union1d(s[1:], np.arange(1.0, edges.size))
-    stops = stops[np.append(np.diff(stops) > 1e-13 * edges.size, True)]
-    wanted = np.clip(np.searchsorted(stops, s[1:] - 1e-12 * edges.size), 0, stops.size - 1)
-    piece = np.clip(np.ceil(stops - ROUNDING).astype(int) - 1, 0, edges.size - 2)
+    steps: int,
+    send: Send = lambda _: None,
+) -> FloatArray:
+    """Return the states [N, states] of an integrator of CasADi.
 
-    by_error = settings.integrator in ("cvodes", "idas")
-    limited = np.isfinite(deadline.until())
-    parts = np.array_split(np.arange(stops.size), PARTS if limited and by_error else 1)
-
-    def states(steps: int, send: Send = lambda _: None) -> FloatArray:
-        name, options = plugin(settings, steps)
-        x, low, rows = start, 0.0, []
-        for part in filter(np.size, parts):
-            run = ca.integrator("run", name, equation, low, stops[part].tolist(), options)
-            rows.append(run(x0=x, u=inputs[:, piece[part]])["xf"].full().T)
-            x, low = rows[-1][-1], float(stops[part[-1]])
-            send(rows[-1])
-        return np.vstack([start, np.vstack(rows)[wanted]])
-
-    def work(send: Send) -> IntegrationRun:
-        return with_halved_steps(lambda steps: states(steps, send), settings, max(stops.size, 32))
-
-    arrived: list[FloatArray] = []
-    run = failed or within_deadline(work, run_without_states, arrived.append)
-    if run.status is Status.TIME_LIMIT:
-        rows = np.full((stops.size, forced.states), np.nan)
-        if by_error and arrived:
-            rows[: sum(map(len, arrived))] = np.vstack(arrived)
-        return run._replace(states=np.vstack([start, rows[wanted]]))
-    if not run.states.size:
-        run = run._replace(states=np.full((grid.size, forced.states), np.nan))
-    if run.status.solved or (settings.integrator == "rk" and not failed):
-        return run
-    # A fixed-step run continues beyond the failure and shows where the states diverge.
-    settings = settings._replace(integrator="rk")
-    return run._replace(trace=(grid, states(PROBING_STEPS)))
-
-
-T = TypeVar("T")
+    Under a time limit those that control the error work in parts, and ``send`` gets the states
+    after each.
+    """
+    equation, stops, inputs, wanted = forced.equation(grid)
+    in_parts = settings.integrator in BY_ERROR and np.isfinite(deadline.until())
+    name, options = plugin(settings, steps)
+    states, low = start[None], 0.0
+    for part in np.array_split(np.arange(stops.size), min(PARTS, stops.size) if in_parts else 1):
+        run = ca.integrator("run", name, equation, low, stops[part].tolist(), options)
+        states = np.vstack([states, run(x0=states[-1], u=inputs[:, part])["xf"].full().T])
+        low = float(stops[part[-1]])
+        if in_parts:
+            send(states[np.append(0, wanted[wanted <= part[-1]] + 1)])
+    return states[np.append(0, wanted + 1)]
 
 
 def within_deadline(
-    work: Callable[[Send], T],
-    otherwise: Callable[[Status, str], T],
-    receive: Callable[[FloatArray], object] = lambda _: None,
-) -> T:
+    work: Callable[[Send], IntegrationRun], receive: Send = lambda _: None
+) -> IntegrationRun:
     """Run ``work`` and return its result; under a time limit it runs in another process.
 
-    ``receive`` gets the parts that ``work`` sends; ``otherwise`` makes the result from a status and
-    a message if the work did not finish.
+    ``receive`` gets what ``work`` sends. If the work does not finish, the result has no states.
     """
     if not (np.isfinite(deadline.until()) and can_fork()):
         return work(lambda _: None)
@@ -335,13 +251,9 @@ def within_deadline(
     try:
         return in_child(work, deadline.until(), taken)
     except OutOfTime:
-        return otherwise(Status.TIME_LIMIT, OVER)
+        status, message = Status.TIME_LIMIT, OVER
     except Died:
-        return otherwise(Status.INTEGRATION_FAILED, "the process of the integrator ended")
-
-
-def run_without_states(status: Status, message: str) -> IntegrationRun:
-    """Return a run without states."""
+        status, message = Status.INTEGRATION_FAILED, "the process of the integrator ended"
     return IntegrationRun(status, np.zeros((0, 0)), message=message)
 
 
@@ -352,7 +264,7 @@ def with_halved_steps(
     most = max(settings.max_steps, 4 * steps)
     try:
         x = states(steps)
-        if settings.integrator in ("cvodes", "idas"):
+        if settings.integrator in BY_ERROR:
             finite = np.isfinite(x).all()
             return IntegrationRun(Status.SOLVED, x) if finite else _failed(NOT_FINITE, x)
         change, reason = np.inf, ""
@@ -391,15 +303,10 @@ def plugin(
     if settings.integrator == "rk":
         return "rk", {"number_of_finite_elements": steps, "show_eval_warnings": False}
     if settings.integrator == "collocation":
+        rootfinder = {"error_on_fail": True, "show_eval_warnings": False}
         return "collocation", {
             "number_of_finite_elements": steps,
-            "rootfinder_options": {
-                "abstol": 1e-14,
-                "abstolStep": 1e-14,
-                "max_iter": 50,
-                "error_on_fail": True,
-                "show_eval_warnings": False,
-            },
+            "rootfinder_options": rootfinder,
         }
     options: dict[str, Any] = {
         "abstol": settings.tolerance,
@@ -424,13 +331,18 @@ def _stretched(t: FloatArray, edges: FloatArray) -> FloatArray:
     if count == 1:
         return place
     low, high = np.zeros_like(place), np.ones_like(place)
-    # Bisection inverts y^3 (10 - 15 y + 6 y^2), the time within a piece.
+    # Bisection inverts the time within a piece.
     for _ in range(60):
         y = 0.5 * (low + high)
-        above = y**3 * (10 - 15 * y + 6 * y**2) > place
+        above = _place(y) > place
         low, high = np.where(above, low, y), np.where(above, y, high)
     inside = np.where((place > 0) & (place < 1), 0.5 * (low + high), place)
     return piece.astype(float) + inside
+
+
+def _place(y: Any) -> Any:
+    """Return the time within a piece as a share of its length."""
+    return y**3 * (10 - 15 * y + 6 * y**2)
 
 
 def _failed(message: str, states: FloatArray) -> IntegrationRun:

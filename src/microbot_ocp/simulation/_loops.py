@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
-from microbot_ocp._base.child_process import Send
 from microbot_ocp._base.fast_calls import deferred_call
 from microbot_ocp._base.relations import reason_of
 from microbot_ocp.limits import AT_LIMIT, use_of
@@ -36,10 +35,8 @@ from microbot_ocp.simulation._integration import (
     ForcedEquation,
     IntegrationRun,
     IntegratorSettings,
-    Signal,
     integrate,
     plugin,
-    run_without_states,
     with_halved_steps,
     within_deadline,
 )
@@ -54,6 +51,7 @@ from microbot_ocp.simulation._result import (
 )
 from microbot_ocp.simulation._signals import (
     Formula,
+    Signal,
     reference_signal,
     torque_formula,
     torque_signal,
@@ -399,33 +397,26 @@ class SampledLoop(NamedTuple):
         the next sample.
         """
         count, inner = self.arm.joint_count, samples.within.size
-        first = self.signal.values(samples.t[:1])[0]
-        waiting = np.array(self.law(first, start[:count], start[count:], self.gains)).ravel()
-        begin = np.concatenate([start, np.tile(waiting, self.delay)])
-        given = (samples.t[None, :], self.signal.values(samples.t).T, self.errors.T)
-        held: list[FloatArray] = []
+        wanted = self.signal.values(samples.t)
+        waiting = np.array(self.law(wanted[0], start[:count], start[count:], self.gains)).T
+        begin = np.append(start, np.tile(waiting, self.delay))
 
         def states(steps: int) -> FloatArray:
             period = self._period(samples, *plugin(settings, steps, samples.within[-1]))
-            _, everything, torques = period.mapaccum(samples.t.size)(begin, *given)
-            held[:] = [np.array(torques).T]
+            given = samples.t[None, :], wanted.T, self.errors.T
+            _, everything = period.mapaccum(samples.t.size)(begin, *given)
             return np.vstack([start, np.array(everything).T.reshape(-1, 2 * count)])
 
         each = settings._replace(max_steps=max(settings.max_steps // samples.t.size, FINEST))
         steps = max(inner, int(np.ceil(samples.within[-1] / SAMPLE_STEP)))
-
-        def work(_: Send) -> tuple[IntegrationRun, list[FloatArray]]:
-            return with_halved_steps(states, each, steps), held
-
-        run, held = within_deadline(
-            work, lambda status, advice: (run_without_states(status, advice), [])
-        )
+        run = within_deadline(lambda _: with_halved_steps(states, each, steps))
         grid = np.append(samples.t[0], (samples.t[:, None] + samples.within).ravel())
-        tau = np.full((grid.size, count), np.nan)
-        if held:
-            tau = np.vstack([np.repeat(held[0], inner, axis=0), held[0][-1:]])
         if not run.states.size:  # a failure in one sample leaves the whole map without states
             run = run._replace(states=np.full((grid.size, 2 * count), np.nan))
+        seen = np.split(run.states[:-1:inner] + self.errors, 2, axis=1)
+        torques = deferred_call(self.law)(wanted, *seen, self.gains)
+        held = np.vstack([*[waiting] * self.delay, torques])[: samples.t.size]
+        tau = np.vstack([np.repeat(held, inner, axis=0), held[-1:]])
         keep = grid <= samples.end + ROUNDING * samples.within[-1]
         run = run._replace(states=run.states[keep])
         return np.minimum(grid[keep], samples.end), run, tau[keep]
@@ -433,9 +424,9 @@ class SampledLoop(NamedTuple):
     def _period(self, samples: Samples, name: str, options: dict[str, Any]) -> ca.Function:
         """Return the map of one sample.
 
-        The map takes state, time, reference and measurement error, and returns the next state,
-        the states within the sample, and the torque. The state holds the delayed torques after
-        positions and velocities.
+        The map takes state, time, reference and measurement error, and returns the next state and
+        the states within the sample. The state holds the delayed torques after positions and
+        velocities.
         """
         count, inner = self.arm.joint_count, samples.within.size
         t, x, u = ca.SX.sym("t"), ca.SX.sym("x", 2 * count), ca.SX.sym("u", count + 1)
@@ -449,9 +440,9 @@ class SampledLoop(NamedTuple):
         seen = now + error
         law = self.law(wanted, seen[:count], seen[count:], self.gains)
         torques = ca.vertcat(state[2 * count :, 0], law)
-        held = torques[:count]
-        after = drift(x0=now, u=ca.repmat(ca.vertcat(held, moment), 1, inner))["xf"]
-        outputs = [ca.vertcat(after[:, -1], torques[count:, 0]), ca.vec(after), held]
+        given = ca.repmat(ca.vertcat(torques[:count], moment), 1, inner)
+        after = drift(x0=now, u=given)["xf"]
+        outputs = [ca.vertcat(after[:, -1], torques[count:, 0]), ca.vec(after)]
         return ca.Function("period", [state, moment, wanted, error], outputs)
 
 
@@ -461,8 +452,7 @@ class SampledLoop(NamedTuple):
 def checked_settings(integrator: str, tolerance: float, max_steps: int) -> IntegratorSettings:
     checks.one_of("integrator", integrator, INTEGRATORS)
     tolerance = checks.number("tolerance", tolerance, above=0.0, at_most=COARSEST)
-    if isinstance(max_steps, bool) or not isinstance(max_steps, int) or max_steps < 1:
-        raise InputError(f"max_steps must be a whole number of at least 1, not {max_steps!r}")
+    max_steps = checks.whole("max_steps", max_steps, at_most=checks.MOST_ITERATIONS)
     return IntegratorSettings(integrator, tolerance, max_steps)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -22,24 +22,38 @@ from microbot_ocp.motion import (
     nearest_samples,
 )
 from microbot_ocp.robot import Robot
-from microbot_ocp.simulation._integration import (
-    DEGREE,
-    FIT,
-    FIT_ERROR,
-    NODES,
-    Pieces,
-    Signal,
-    Values,
-    fitted,
-    formula_signal,
-)
 
+Values = Callable[[FloatArray], FloatArray]  # maps times [N] to values [N,m]
 Formula = Callable[[Any], Any]  # maps the CasADi time to n expressions
 
-# Relative fit errors of position, velocity and acceleration: rounding of samples 1 ms apart allows
-# no smaller ones.
-SAMPLED_FIT = np.array([1e-11, 1e-10, 1e-8])
-EXACT_FIT = np.full(3, FIT_ERROR)  # relative fit errors of polynomials
+DEGREE = 10  # degree of the Chebyshev series of an input between breaks
+FIT_ERROR = 1e-11  # largest error of the series, relative to the largest value
+# The same for position, velocity and acceleration: rounding of samples 1 ms apart allows no less.
+SAMPLED_FIT = np.array([FIT_ERROR, 1e-10, 1e-8])
+SHORTEST_PIECE = 0.5e-3  # length below which a piece without break is not divided, s
+
+# Chebyshev nodes exclude the ends of a piece, because a signal has two values at a break.
+NODES = -np.cos((2 * np.arange(DEGREE + 1) + 1) * np.pi / (2 * DEGREE + 2))
+FIT = np.linalg.inv(np.polynomial.chebyshev.chebvander(NODES, DEGREE))
+
+
+class Pieces(NamedTuple):
+    """A signal as Chebyshev series in time: ``edges`` [K+1], coefficients [K, degree+1, m]."""
+
+    edges: FloatArray
+    coefficients: FloatArray
+
+
+class Signal(NamedTuple):
+    """Signal of time: a formula, or values with Chebyshev series that fit them between breaks.
+
+    ``formula`` is a CasADi function ``(t) -> w[m]``; a formula has no ``pieces``. ``values``
+    returns the signal [N,m] at times [N].
+    """
+
+    values: Values
+    formula: ca.Function | None = None
+    pieces: Pieces | None = None
 
 
 def torque_signal(tau: Motion | ArrayLike | Formula | None, grid: FloatArray, count: int) -> Signal:
@@ -79,7 +93,7 @@ def reference_signal(
         checks.joints("motion", motion.coefficients.shape[2], robot)
         begin, longest, breaks = float(motion.breaks[0]), motion.duration, motion.breaks
         parts = (motion, motion.derivative(), motion.derivative().derivative())
-        values, fit = (lambda times: np.hstack([part(times) for part in parts])), EXACT_FIT
+        values, fit = (lambda times: np.hstack([part(times) for part in parts])), FIT_ERROR
     else:
         if duration is None:
             raise InputError("duration must be given if the motion is a function of time")
@@ -99,7 +113,7 @@ def reference_signal(
             return begin, end, Signal(values, None, pieces)
     edges = np.append(breaks[breaks < end * (1 - ROUNDING)], end)
     # Tolerances are relative to the size of each quantity, sampled inside the pieces.
-    inside = edges[:-1, None] + np.diff(edges)[:, None] * np.arange(8) / 8.0
+    inside = np.linspace(edges[:-1], edges[1:], 8, endpoint=False, axis=1)
     scale = np.abs(values(inside.ravel())).reshape(-1, 3, count).max(axis=(0, 2))
     return begin, end, fitted(values, edges, np.repeat(fit * scale, count))
 
@@ -185,6 +199,73 @@ def symbolic(name: str, formula: Formula, count: int) -> tuple[ca.SX, ca.SX]:
     if expression.shape != (count, 1):
         raise InputError(f"{name} must return {count} expressions, not shape {expression.shape}")
     return t, expression
+
+
+def fitted(values: Values, breaks: FloatArray, tolerance: ArrayLike) -> Signal:
+    """Fit values by a Chebyshev series on every piece of the time.
+
+    Pieces start as the whole time and are divided at the break nearest to their middle, so that
+    smooth intervals keep long pieces and a jump ends up between two pieces.
+
+    Parameters
+    ----------
+    values : callable
+        Function from times [N] to values [N,m]; it is never evaluated at a break.
+    breaks : array [K+1]
+        Times at which the values or their derivatives may jump, both ends included, s.
+    tolerance : array_like [m]
+        Largest error of each column.
+    """
+    tolerance = np.maximum(tolerance, np.finfo(float).eps)
+    probes = -np.cos((np.arange(DEGREE) + 1) * np.pi / (DEGREE + 1))
+    probe = np.polynomial.chebyshev.chebvander(probes, DEGREE)
+    both = np.concatenate([NODES, probes])
+    todo = [(float(breaks[0]), float(breaks[-1]))]
+    edges: list[float] = []
+    coefficients: list[FloatArray] = []
+    while todo:
+        spans = np.array(todo)
+        middle, half = spans.mean(axis=1), 0.5 * np.diff(spans, axis=1)[:, 0]
+        t = middle[:, None] + half[:, None] * both
+        samples = values(t.ravel()).reshape(*t.shape, -1)
+        series = FIT @ samples[:, : DEGREE + 1]
+        error = np.abs(probe @ series - samples[:, DEGREE + 1 :]).max(axis=1)
+        fits = (error <= tolerance).all(axis=1)
+        todo = []
+        for (start, end), good, polynomial in zip(spans, fits, series, strict=True):
+            low = np.searchsorted(breaks, start, side="right")
+            inner = breaks[low : np.searchsorted(breaks, end, side="left")]
+            if good or not (inner.size or end - start > SHORTEST_PIECE):
+                edges.append(start)
+                coefficients.append(polynomial)
+                continue
+            cut = 0.5 * (start + end)
+            if inner.size:
+                cut = float(inner[np.abs(inner - cut).argmin()])
+            todo += [(start, cut), (cut, end)]
+    order = np.argsort(edges)
+    pieces = Pieces(np.append(np.array(edges)[order], breaks[-1]), np.array(coefficients)[order])
+    return Signal(values, None, pieces)
+
+
+def series_value(place: ca.SX, flat: ca.SX, shape: tuple[int, ...]) -> ca.SX:
+    """Return the value [m] of Chebyshev series at ``place`` in [-1, 1] by Clenshaw's recurrence."""
+    terms, width = shape
+    series = ca.reshape(flat, width, terms)
+    later, latest = ca.SX.zeros(width), ca.SX.zeros(width)
+    for k in range(terms - 1, 0, -1):
+        later, latest = series[:, k] + 2 * place * later - latest, later
+    return series[:, 0] + place * later - latest
+
+
+def formula_signal(t: ca.SX, expression: ca.SX) -> Signal:
+    """Return the signal of an expression [m] of the time ``t``."""
+    function = ca.Function("signal", [t], [ca.densify(expression)], ["t"], ["w"])
+
+    def values(times: FloatArray) -> FloatArray:
+        return np.array(function.map(times.size)(times[None, :])).T
+
+    return Signal(values, function)
 
 
 def interpolated(motion: Motion, samples: FloatArray, breaks: FloatArray, most: int = 6) -> Values:
