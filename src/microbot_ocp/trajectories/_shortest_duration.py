@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -151,7 +152,13 @@ def shortest_duration(
 
 
 SCAN_RATIO = 1.05  # ratio of successive durations where the feasible set may have gaps
-SHORTEST_DURATION = 1e-9  # shortest duration, per first duration
+
+
+class _Attempt(NamedTuple):
+    """A duration, s, and the largest use of the limits at it."""
+
+    duration: float
+    peak: Peak
 
 
 class _DurationSearch:
@@ -176,7 +183,7 @@ class _DurationSearch:
                 "limits must hold a finite qd_max, qdd_max, tau_max or another limit of the motion "
                 "for at least one joint, or no duration is too short"
             )
-        self.tried = 0
+        self.tried, self.refusal = 0, ""
         self.shape: PiecewisePolynomial | None = None
         if isinstance(make_motion, PiecewisePolynomial):
             self.shape = shape = checked_shape(robot, make_motion)
@@ -196,15 +203,14 @@ class _DurationSearch:
             or any(member.limit is not None for member in self.family)
         )
 
-    def evaluate(self, duration: float) -> Peak:
+    def evaluate(self, duration: float) -> _Attempt:
         """Return the largest use of the limits at this duration."""
         self.tried += 1
         try:
             polynomial = self.make(duration)
         except InputError as problem:
-            if duration > 0.1 * LONGEST_DURATION * self.first:
-                raise InputError(f"make_motion refuses every duration: {problem}") from problem
-            return Peak(np.inf)
+            self.refusal = f": {problem}"
+            return _Attempt(duration, Peak(np.inf))
         if self.shape is None:
             length = checked_shape(self.robot, polynomial).duration
             if abs(length - duration) > ROUNDING * duration:
@@ -214,12 +220,11 @@ class _DurationSearch:
                 )
             place = largest_use(self.family, polynomial, self.family.of_order(0))
             if place.use > 1.0 + ROUNDING:
-                return replace(place, use=np.inf)
-        return largest_use(self.family, polynomial, self.kinds)
+                return _Attempt(duration, replace(place, use=np.inf))
+        return _Attempt(duration, largest_use(self.family, polynomial, self.kinds))
 
     def run(self, started: float) -> Scaled:
-        good, bad = self._bracket()
-        good, met, missed = self._narrow(good, bad)
+        (good, met), (_, missed) = self._narrow(*self._bracket())
         # If the use is discontinuous at the bracket, the limit that the shorter duration violates
         # is reported.
         cause = met if met.use >= 1.0 - self.tolerance else missed
@@ -243,41 +248,37 @@ class _DurationSearch:
             status=deadline.status() if deadline.over() else Status.SOLVED,
         )
 
-    def _bracket(self) -> tuple[tuple[float, Peak], tuple[float, Peak]]:
+    def _bracket(self) -> tuple[_Attempt, _Attempt]:
         """Return a duration that keeps the limits and a shorter one that does not."""
-        duration, bad = self.first, None
-        peak = self.evaluate(duration)
-        while peak.use > 1.0:
-            bad = (duration, peak)
-            duration *= 2
-            if duration > LONGEST_DURATION * self.first:
+        good, bad = self.evaluate(self.first), None
+        while good.peak.use > 1.0:
+            bad = good
+            if 2 * bad.duration > LONGEST_DURATION * self.first:
                 raise InputError(self._no_duration(bad))
+            # Some milliseconds for a shape, so the time limit is not tested.
             if self.shape is None and deadline.over():
                 return bad, bad
-            # Some milliseconds for a shape, so the time limit is not tested.
-            peak = self.evaluate(duration)
-        good = (duration, peak)
+            good = self.evaluate(2 * bad.duration)
         if self.from_above and not deadline.over():
-            top = self.evaluate(4 * duration)
-            if top.use <= 1.0:
-                good, bad = (4 * duration, top), None
+            longer = self.evaluate(4 * good.duration)
+            if longer.peak.use <= 1.0:
+                good, bad = longer, None
         while bad is None:
-            duration, peak = good
             if deadline.over():
                 return good, good
-            if duration < SHORTEST_DURATION * self.first:
+            if good.duration < ROUNDING * self.first:
                 raise InputError(
                     "make_motion meets no limit, however short it is: no joint with a limit moves"
                 )
-            shorter = duration / (SCAN_RATIO if self.from_above and peak.use > 0.1 else 2)
-            trial = (shorter, self.evaluate(shorter))
-            good, bad = (good, trial) if trial[1].use > 1.0 else (trial, None)
+            slowly = self.from_above and good.peak.use > 0.1
+            shorter = self.evaluate(good.duration / (SCAN_RATIO if slowly else 2))
+            good, bad = (good, shorter) if shorter.peak.use > 1.0 else (shorter, None)
         return good, bad
 
-    def _no_duration(self, last: tuple[float, Peak]) -> str:
+    def _no_duration(self, last: _Attempt) -> str:
         duration, peak = last
         if peak.quantity == "shape":
-            return f"make_motion refuses every duration up to {duration:g} s"
+            return f"make_motion refuses every duration up to {duration:g} s{self.refusal}"
         if refusal := refusal_of(self.robot, self.family, self.make(duration)):
             return refusal
         member = self.family[peak.quantity]
@@ -288,9 +289,7 @@ class _DurationSearch:
             f"limit {peak.limit:g} {unit}"
         )
 
-    def _narrow(
-        self, good: tuple[float, Peak], bad: tuple[float, Peak]
-    ) -> tuple[float, Peak, Peak]:
+    def _narrow(self, good: _Attempt, bad: _Attempt) -> list[_Attempt]:
         """Return the bracket's ends after Illinois regula falsi in 1/T^2.
 
         A use that a torque determines is affine in 1/T^2.
@@ -311,13 +310,13 @@ class _DurationSearch:
             middle = (s_good + share * (s_bad - s_good)) ** -0.5
             if not short < middle < long:
                 middle = 0.5 * (short + long)
-            peak = self.evaluate(middle)
-            end = int(peak.use > 1.0)
-            ends[end], weights[end] = (middle, peak), 1.0
+            attempt = self.evaluate(middle)
+            end = int(attempt.peak.use > 1.0)
+            ends[end], weights[end] = attempt, 1.0
             # Illinois: an end that stays counts half, so that the secant moves it.
             weights[1 - end] = 0.5 * weights[1 - end] if last == end else 1.0
             last = end
-        return ends[0][0], ends[0][1], ends[1][1]
+        return ends
 
 
 def checked_shape(robot: Robot, shape: object) -> PiecewisePolynomial:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -242,26 +243,14 @@ def spline_velocities(via: ViaPoints, end: FloatArray | float | None = 0.0) -> F
     pull = 3.0 * weight[:, None] * slope
     diagonal = np.concatenate([weight[:1], weight[:-1] + weight[1:], weight[-1:]]) * 2.0
     right = np.concatenate([pull[:1], pull[:-1] + pull[1:], pull[-1:]])
-    beside = np.stack([weight, weight])  # entries below and above the diagonal
+    below, above = weight.copy(), weight.copy()  # entries beside the diagonal
     if end is not None:
         diagonal[[0, -1]], right[[0, -1]] = 1.0, end
-        beside[0, -1] = beside[1, 0] = 0.0
-    return _solve_tridiagonal(beside[0], diagonal, beside[1], right)
-
-
-def _solve_tridiagonal(
-    below: FloatArray, diagonal: FloatArray, above: FloatArray, right: FloatArray
-) -> FloatArray:
-    """Return the solution [m,n], without pivoting: the matrix is diagonally dominant."""
-    pivot, answer = diagonal.copy(), right.copy()
-    for i in range(1, pivot.size):
-        factor = below[i - 1] / pivot[i - 1]
-        pivot[i] -= factor * above[i - 1]
-        answer[i] -= factor * answer[i - 1]
-    answer[-1] /= pivot[-1]
-    for i in reversed(range(pivot.size - 1)):
-        answer[i] = (answer[i] - above[i] * answer[i + 1]) / pivot[i]
-    return answer
+        below[-1] = above[0] = 0.0
+    # Column j of a banded matrix holds the entries above, on and below the diagonal.
+    columns = np.stack([np.append(0.0, above), diagonal, np.append(below, 0.0)], axis=1)
+    matrix = ca.DM(ca.Sparsity.banded(diagonal.size, 1), columns.ravel()[1:-1])
+    return np.array(ca.solve(matrix, right, "qr"))
 
 
 def lspb(
