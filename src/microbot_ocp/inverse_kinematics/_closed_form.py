@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
 
 
 def elbow_arm_branches(
@@ -40,7 +40,7 @@ def elbow_arm_branches(
     radius, rise = np.hypot(x, y), z - height
     square = radius**2 + rise**2
     cosine = (square - upper**2 - forearm**2) / (2 * upper * forearm)
-    if abs(cosine) > 1 + 1e-12:
+    if abs(cosine) > 1 + ROUNDING:
         raise InputError(
             f"position must be between {abs(upper - forearm):g} and {upper + forearm:g} m from "
             f"the shoulder, not {np.sqrt(square):g} m"

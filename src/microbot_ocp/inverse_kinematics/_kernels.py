@@ -25,13 +25,11 @@ from microbot_ocp._base.quasi_random import evenly_spread_step
 from microbot_ocp._base.threads import cached_in_thread
 from microbot_ocp.robot import Robot, forward_kinematics, jacobian, solve_symmetric
 
-TINY = 1e-300  # summand that keeps a divisor above zero
+TINY = np.finfo(float).tiny  # summand that keeps a divisor above zero
 RANK_TOLERANCE = 1e-5  # singular value that counts as zero, per largest
 
 IPOPT_OPTIONS = {
     "tol": 1e-12,
-    "acceptable_tol": 1e-9,
-    "acceptable_iter": 15,  # IPOPT's default
     "max_iter": 100,
     "bound_relax_factor": 0.0,
 }
@@ -61,7 +59,7 @@ def _residual(
     if target.numel() == 12:
         turn = ca.reshape(target[3:], 3, 3) @ pose[:3, :3].T
         sine = ca.inv_skew(turn - turn.T) / 2
-        length = ca.sqrt(ca.dot(sine, sine) + 1e-40)  # positive, so that the quotient below exists
+        length = ca.sqrt(ca.dot(sine, sine) + TINY)
         angle = ca.atan2(length, (ca.trace(turn) - 1) / 2)
         # The error is the logarithm of the rotation, angle times axis: with the geometric Jacobian
         # the gradient of half the squared angle is exact for every angle.
@@ -76,13 +74,13 @@ class Descent(NamedTuple):
     weight: float = 1.0  # weight of the angle, relative to distance over reach
     attempts: int = 1  # starts; the first is given, later ones are farther and farther from it
     patience: int = 50  # steps of an attempt that does not come close to the target
-    enough: float = 1e-13  # scaled error of a solution
     polish: int = 4  # smallest number of polishing steps; doubled roots converge slowly
     nearest: int = 0  # steps in which a redundant arm also moves towards the wanted joints
 
 
 DAMPING = 0.03  # damping per squared error
-LEAST_DAMPING = 1e-15  # smallest damping; it keeps the matrix regular at singular solutions
+LEAST_DAMPING = np.finfo(float).eps  # it keeps the matrix regular at singular solutions
+ENOUGH = 1e-13  # scaled error of a solution
 POLISHING_ERROR = 1e-7  # scaled error below which steps count as polishing
 MOST_POLISHING_STEPS = 30  # largest number of polishing steps
 CLOSE_ERROR = 1e-3  # scaled error below which an attempt may exceed its patience
@@ -98,7 +96,7 @@ def descent(robot: Robot, width: int) -> FastCall:
     Returns
     -------
     callable
-        ``(state[n+3], target, wanted[n], lower[n], upper[n], low[n], high[n], settings[6]) ->
+        ``(state[n+3], target, wanted[n], lower[n], upper[n], low[n], high[n], settings[5]) ->
         state[n+3], going[1], error[1]``. The state starts as joint positions and three zeros, which
         count the steps of the attempt, its polishing steps, and the attempts. Joints that press
         against a bound stay fixed in a step. New attempts start between ``wanted`` and a point in
@@ -111,7 +109,7 @@ def descent(robot: Robot, width: int) -> FastCall:
     lower, upper = ca.SX.sym("lower", count), ca.SX.sym("upper", count)
     low, high = ca.SX.sym("low", count), ca.SX.sym("high", count)
     q, steps, small, attempt = state[:count], state[count], state[count + 1], state[count + 2]
-    weight, attempts, patience, enough, polish, nearest = ca.vertsplit(settings)
+    weight, attempts, patience, polish, nearest = ca.vertsplit(settings)
     error, slope, distance, angle = _residual(robot, q, target, weight)
     size = ca.sqrt((distance / reach(robot)) ** 2 + (weight * angle) ** 2)
     scale = ca.DM(joint_scale(robot))
@@ -137,7 +135,7 @@ def descent(robot: Robot, width: int) -> FastCall:
     # A step of at most half a turn keeps the linear model from spinning joints.
     move *= scale * ca.fmin(1, np.pi / (ca.norm_inf(move) + TINY))
     small += size < POLISHING_ERROR
-    exact = ca.logic_and(size <= enough, small >= polish)
+    exact = ca.logic_and(size <= ENOUGH, small >= polish)
     solved = ca.logic_or(
         ca.logic_and(exact, apart < NULL_SPACE_STEP), small >= MOST_POLISHING_STEPS + nearest
     )

@@ -14,7 +14,7 @@ from microbot_ocp.inverse_kinematics import _search as search
 from microbot_ocp.inverse_kinematics._kernels import joint_scale
 from microbot_ocp.inverse_kinematics._result import IKPath, read_only
 from microbot_ocp.inverse_kinematics._solve import checked_targets, nearest_solution
-from microbot_ocp.robot import Robot
+from microbot_ocp.robot import Robot, nearest_rotation
 
 LARGEST_STEP = 0.1  # step of a joint above which a segment is halved, rad (or share of the reach)
 HALVINGS = 20  # largest number of successive halvings of a segment
@@ -177,11 +177,9 @@ def _step(robot: Robot, ours: FloatArray, theirs: FloatArray) -> float:
 def _halfway(origin: FloatArray, target: FloatArray) -> FloatArray:
     """Return the target half-way on the line, and half-way in the turn about its fixed axis."""
     middle_point = (origin + target) / 2
-    if origin.size == 3:
-        return middle_point
-    # The rotation nearest to the mean of two rotations is the one half-way between them.
-    left, _, right = np.linalg.svd(middle_point[3:].reshape(3, 3))
-    middle_point[3:] = (left @ right).ravel()
+    if origin.size > 3:
+        # The rotation nearest to the mean of two rotations is the one half-way between them.
+        middle_point[3:] = nearest_rotation(middle_point[3:].reshape(3, 3)).ravel()
     return middle_point
 
 
@@ -194,7 +192,7 @@ def _nearest_other_pose(
         return other.q, other.status
     local, converged = search.nearest_pose(robot, target, q)
     distance = search.task_errors(robot, local[None], target[None])[0][0]
-    near = distance <= other.position_error + 1e-6
+    near = distance <= other.position_error + search.POSE_TOLERANCE
     return (local if near and converged else other.q), other.status
 
 

@@ -27,13 +27,13 @@ SAME_JOINTS = 1e-5  # joint difference that counts as zero, rad (prismatic: shar
 # Joint difference up to which two solutions may be one root, or stand for one place of a continuum.
 NEARBY = 0.02
 
-SEARCH = kernels.Descent(patience=16, enough=1e-12, polish=2)
+SEARCH = kernels.Descent(patience=16, polish=2)
 SLIDE = kernels.Descent(nearest=70, polish=2)  # reaches a target and slides along its continuum
 DOWNHILL = kernels.Descent()  # approaches a target that may be out of reach
 # The attempts start at the seed, then farther and farther away. Half of the starts reach most
 # targets; within limits a few targets of a 7R arm need 200 starts, more than a search of all
 # branches would try.
-FROM_SEED = kernels.Descent(attempts=100, patience=24, enough=1e-10, polish=2, nearest=10)
+FROM_SEED = kernels.Descent(attempts=100, patience=24, polish=2, nearest=10)
 
 
 @dataclass
@@ -91,7 +91,7 @@ def within_limits(robot: Robot, q: FloatArray, near: FloatArray) -> tuple[FloatA
 
 def goal(robot: Robot) -> float:
     """Return the scaled error of a solution that is within both tolerances."""
-    return min(1e-10, POSE_TOLERANCE / kernels.reach(robot))
+    return POSE_TOLERANCE / max(1.0, kernels.reach(robot))
 
 
 def descend(

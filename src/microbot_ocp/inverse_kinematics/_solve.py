@@ -428,7 +428,7 @@ def _advice(
             parts.append("That looks like millimetres: positions are in m.")
     if status is Status.LIMITS:
         limits = robot.limits
-        held = np.minimum(np.abs(q - limits.q_min), np.abs(q - limits.q_max)) < 1e-6
+        held = np.minimum(np.abs(q - limits.q_min), np.abs(q - limits.q_max)) < search.SAME_JOINTS
         names = [name for name, at in zip(robot.joint_names, held, strict=True) if at]
         parts.append(f"At its limit: {', '.join(names)}." if names else "")
     if self_motion:
