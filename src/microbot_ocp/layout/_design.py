@@ -122,18 +122,16 @@ class Design:
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
-        worth = [
-            {"slope": w.slope, "difference": w.difference, "flag": w.flag, "at_bound": w.at_bound}
-            for w in self.worth
-        ]
-        rows = zip(self.quantities, self.values.tolist(), worth, strict=True)
+        rows = zip(self.quantities, self.values.tolist(), self.worth, strict=True)
+        keys = ("slope", "difference", "flag", "at_bound")
         return {
             "period_before": self.period_before,
             "period": self.period,
             "certified": self.after.certificate.ok,
             "refusal": self.refusal,
             "quantities": [
-                {"name": q.name, "unit": q.unit, "before": q.start, "after": v, **w}
+                {"name": q.name, "unit": q.unit, "before": q.start, "after": v}
+                | {key: getattr(w, key) for key in keys}
                 for q, v, w in rows
             ],
             "looks": len(self.nodes),
@@ -306,16 +304,14 @@ def design(
         raise InputError(
             f"no motion was found within the bounds, of {len(search.solved)} solves: {reasons}"
         )
-    worth = _worth(cell, quantities, best, search.held)
-    changed = cell_with(cell, quantities, best.values)
     return Design(
         quantities,
         best.values,
         start.cell,
         start.refusal,
         best.cell,
-        changed,
-        worth,
+        cell_with(cell, quantities, best.values),
+        _worth(search),
         tuple(search.nodes),
         tuple(search.solved),
     )
@@ -351,12 +347,12 @@ def _cell(robot: Robot | None, task: Any, scene: Scene | None, given: dict[str, 
     return cell if cell.scene is None else replace(cell, robot=with_arm_capsules(cell.robot))
 
 
-def _worth(
-    cell: CellFile, quantities: tuple[Quantity, ...], best: Solved, held: np.ndarray
-) -> tuple[Worth, ...]:
+def _worth(search: LayoutSearch) -> tuple[Worth, ...]:
     """Return the slopes at the end, each beside a difference of solves."""
+    cell, quantities, best = search.cell, search.quantities, search.best
     assert best.cell is not None
     by_multipliers = slopes(cell, quantities, best.values, best.cell.motion)
+    bounded = search.at_bounds(best.values)
     rows = []
     for k, quantity in enumerate(quantities):
         slope = np.nan if by_multipliers is None else float(by_multipliers[k])
@@ -372,10 +368,8 @@ def _worth(
         ends = [(best.period - below) / step, (above - best.period) / step]
         finite = [end for end in ends if np.isfinite(end)]
         difference = float(np.mean(finite)) if finite else np.nan
-        ends_of_range = (quantity.lower, quantity.upper)
-        at_bound = bool(np.isclose(best.values[k], ends_of_range, atol=2e-6).any())
-        flag = IDLE if held[k] else _flag(slope, ends, step, best, sides)
-        rows.append(Worth(quantity, slope, difference, flag, at_bound))
+        flag = IDLE if search.held[k] else _flag(slope, ends, step, best, sides)
+        rows.append(Worth(quantity, slope, difference, flag, bool(bounded[k])))
     return tuple(rows)
 
 

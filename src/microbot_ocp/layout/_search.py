@@ -20,7 +20,6 @@ from microbot_ocp._base.quasi_random import quasi_random
 from microbot_ocp.layout._quantities import Quantity, cell_with
 from microbot_ocp.layout._slopes import slopes
 from microbot_ocp.ocp.solution import StepProgress
-from microbot_ocp.planning import Circle
 from microbot_ocp.planning.search import rested_duration
 from microbot_ocp.scene import clearances, guiding_pairs
 from microbot_ocp.tasks import Cell, CellFile
@@ -150,6 +149,11 @@ class LayoutSearch:
         """Ranges [d] of the quantities."""
         return np.array([quantity.upper for quantity in self.quantities]) - self.lower
 
+    def at_bounds(self, values: FloatArray) -> np.ndarray:
+        """Return a mask [d] of values at a bound of their range."""
+        above = values - self.lower
+        return np.minimum(np.abs(above), np.abs(self.size - above)) <= SAME
+
     @property
     def best(self) -> Solved:
         """Fastest certified motion; the start where nothing is faster."""
@@ -169,17 +173,15 @@ class LayoutSearch:
         """
         key = values.tobytes()
         if key not in self._looks:
-            self._looks[key] = self._new_look(values)
+            cell = cell_with(self.cell, self.quantities, values)
+            task = cell.stops, cell.limits, cell.segments, cell.cycle, cell.scene
+            try:
+                estimate, poses = rested_duration(cell.robot, *task)
+                self._looks[key] = Node(values, estimate), poses
+            except InputError as refusal:
+                nowhere = np.zeros((0, cell.robot.joint_count))
+                self._looks[key] = Node(values, np.nan, str(refusal)), nowhere
         return self._looks[key]
-
-    def _new_look(self, values: FloatArray) -> tuple[Node, FloatArray]:
-        cell = _as_moved_stops(self.cell, cell_with(self.cell, self.quantities, values))
-        task = cell.stops, cell.limits, cell.segments, cell.cycle, cell.scene
-        try:
-            estimate, poses = rested_duration(cell.robot, *task)
-        except InputError as refusal:
-            return Node(values, np.nan, str(refusal)), np.zeros((0, cell.robot.joint_count))
-        return Node(values, estimate), poses
 
     def draw_map(self) -> None:
         """Look at the nodes of the map.
@@ -251,7 +253,7 @@ class LayoutSearch:
                     )
             held[k] = bool(middles) and all(
                 np.allclose(before, self._signature(self._with(v, k, share)), SAME, SAME)
-                for (v, before), share in itertools.product(middles, (0.3, 0.85))
+                for (v, before), share in itertools.product(middles, (0.0, 1.0))
             )
         if held.all():
             names = " and ".join(quantity.name for quantity in self.quantities)
@@ -397,42 +399,6 @@ def solved_with(cell: CellFile, quantities: Sequence[Quantity], values: FloatArr
     if not answer.certificate.ok:
         return Solved(values, None, answer.certificate.outcome)
     return Solved(values, answer)
-
-
-def _as_moved_stops(first: CellFile, moved: CellFile) -> CellFile:
-    """Return a moved cell with its stops moved instead, if that is the same task for the arm.
-
-    The functions of the arm are there already. A place changes no torque, nor does a turn about the
-    vertical; boxes, velocities, obstacles and further limits may depend on the place.
-    """
-    robot, arm = first.robot, moved.robot
-    gravity = [each.base[:3, :3].T @ each.gravity for each in (robot, arm)]
-    fixed = moved.scene is not None or arm.limits.also or moved.limits.also
-    fixed = fixed or replace(arm, base=robot.base, capsules=robot.capsules) != robot
-    fixed = fixed or any(
-        isinstance(s.tolerance, tuple) or isinstance(s.velocity, tuple) for s in moved.stops
-    )
-    if arm is robot or fixed or not np.allclose(*gravity, rtol=0.0, atol=SAME):
-        return moved
-    step = robot.base @ np.linalg.inv(arm.base)
-    turn = step[:3, :3]
-    stops = tuple(
-        stop
-        if stop.position is None
-        else replace(
-            stop,
-            position=turn @ stop.position + step[:3, 3],
-            orientation=None if stop.orientation is None else turn @ stop.orientation,
-        )
-        for stop in moved.stops
-    )
-    segments = moved.segments and tuple(
-        replace(kind, through=np.array(kind.through) @ turn.T + step[:3, 3])
-        if isinstance(kind, Circle)
-        else kind
-        for kind in moved.segments
-    )
-    return replace(moved, robot=robot, stops=stops, segments=segments)
 
 
 def _model_step(
