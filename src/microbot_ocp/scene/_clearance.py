@@ -17,7 +17,7 @@ from math import comb
 
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
 from microbot_ocp.motion import Motion, pieces_of
 from microbot_ocp.robot import Capsule, Robot, dh_transform
 from microbot_ocp.scene._contact import contact_model
@@ -154,7 +154,6 @@ def clearance_along(
 
 FIRST_INTERVALS = 64  # number of equal intervals at the start
 MOST_DISTANCES = 2_000_000  # distances after which the proof gives up
-SHORTEST_INTERVAL = 1e-7  # length below which an interval is not halved, s
 PROVED_RATIO = 0.5  # share of the least distance beyond the clearance that is proved
 
 
@@ -184,8 +183,8 @@ class _ClearanceSearch:
         while start.size:
             middle: FloatArray = 0.5 * (start + end)
             # Lipschitz bound: d(t) >= d(middle) - reach for all t of the interval.
-            reach = self._reach(start, end, pair) + ACCURACY
-            sure = self._distances(middle, pair) - reach
+            reach = self._reach(start, end, pair)
+            sure = self._distances(middle, pair) - reach - ACCURACY
             self.count += sure.size
             # Halving goes on until the proved bound reaches this fraction of the least distance.
             beyond = max(self.minimum - ACCURACY - self.wanted, 0.0)
@@ -197,7 +196,7 @@ class _ClearanceSearch:
             if self.minimum <= self.wanted or self.count > MOST_DISTANCES:
                 self.open_stretches = int(left.sum())
                 return
-            short = left & (end - start < SHORTEST_INTERVAL)
+            short = left & (reach < ROUNDING)  # halves would be as undecided
             self.open_stretches += int(short.sum())
             left &= ~short
             start, middle, end = start[left], middle[left], end[left]

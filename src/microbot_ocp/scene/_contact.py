@@ -69,8 +69,8 @@ class ContactModel:
         self._sides: list[tuple[Any, ...]] = []  # transforms of both bodies of each pair
         self._bounds: list[tuple[Any, ...] | None] = []  # capsules that bound the hulls of a pair
         self._solid = cache(partial(_solid_of, self._coal))
-        self._functors: dict[tuple[Obstacle, Obstacle], Any] = {}
-        self._capsules: dict[LinkHull, Capsule] = {}  # capsule around each hull
+        self._around = cache(_around)
+        self._functor = cache(self._new_functor)
         for pair in self.pairs:
             self._sides.append(self._places(pair, pair.capsule, pair.other))
             around = [self._around(thing) for thing in (pair.capsule, pair.other)]
@@ -83,12 +83,6 @@ class ContactModel:
         self._locals = np.array([local for _, local, _ in moving])
         self._moving = [transform for _, _, transform in moving]
         self._request, self._result = self._coal.DistanceRequest(), self._coal.DistanceResult()
-
-    def _around(self, thing: Obstacle) -> Obstacle:
-        """Return the capsule around a hull of a link; any other body unchanged."""
-        if not isinstance(thing, LinkHull):
-            return thing
-        return self._capsules.setdefault(thing, Capsule(thing.start, thing.end, thing.radius))
 
     def _places(self, pair: Pair, one: Obstacle, other: Obstacle) -> tuple[Any, ...]:
         """Return the transforms of two bodies that stand for a pair."""
@@ -170,13 +164,9 @@ class ContactModel:
                 side.setTransform(pose[:3, :3], pose[:3, 3])
         return self._least(pair.capsule, pair.other, sides, enough)
 
-    def _functor(self, one: Obstacle, other: Obstacle) -> Any:
-        """Return coal's distance function of two bodies, created on first use."""
-        key = one, other
-        if key not in self._functors:
-            shapes = (self._solid(thing)[0] for thing in key)
-            self._functors[key] = self._coal.ComputeDistance(*shapes)
-        return self._functors[key]
+    def _new_functor(self, one: Obstacle, other: Obstacle) -> Any:
+        """Return coal's distance function of two bodies."""
+        return self._coal.ComputeDistance(self._solid(one)[0], self._solid(other)[0])
 
     def _least(self, one: Capsule, other: Obstacle, sides: tuple[Any, ...], enough: float) -> float:
         """Return the distance of two bodies; links are refined by their parts."""
@@ -237,6 +227,13 @@ class ContactModel:
                 least, index = apart, k
         apart = self.distance(index)
         return Nearest(self.pairs[index], apart, *self._points())
+
+
+def _around(thing: Obstacle) -> Obstacle:
+    """Return the capsule around a hull of a link; any other body unchanged."""
+    if not isinstance(thing, LinkHull):
+        return thing
+    return Capsule(thing.start, thing.end, thing.radius)
 
 
 @lru_cache(maxsize=64)
@@ -331,7 +328,7 @@ def _solid_of(coal: Any, thing: Obstacle) -> tuple[Any, FloatArray]:
     if isinstance(thing, Capsule):
         along = thing.end - thing.start
         length, middle = float(np.linalg.norm(along)), (thing.start + thing.end) / 2
-        if length < 1e-12:
+        if length == 0.0:
             return coal.Sphere(thing.radius), transform_of(np.eye(3), middle)
         return coal.Capsule(thing.radius, length), transform_of(rotation_to(along / length), middle)
     if isinstance(thing, HalfSpace):
@@ -412,7 +409,7 @@ def _contact_model(robot: Robot, scene: Scene, shapes: tuple[Any, ...]) -> Conta
         touching = tuple(
             pair
             for pair, least in zip(overlapping, zero.tolist(), strict=True)
-            if least <= ACCURACY and not (robot.disabled_pairs is not None and _of_hulls(pair))
+            if least <= ACCURACY and (robot.disabled_pairs is None or not _of_hulls(pair))
         )
     pairs = (*apart, *(pair for pair in overlapping if pair not in touching))
     if not pairs:

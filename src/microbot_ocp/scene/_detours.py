@@ -280,7 +280,7 @@ def _shortened(around: Surroundings, corners: FloatArray, seed: int) -> FloatArr
         )
         if around.is_clear(leaves, joins):
             path = np.vstack([path[: i + 1], leaves, joins, path[j + 1 :]])
-            apart = np.linalg.norm(np.diff(path, axis=0), axis=1) > 1e-6
+            apart = np.linalg.norm(np.diff(path, axis=0), axis=1) > ROUNDING
             path = path[np.append(True, apart)]
     return _without_needless(around, path)
 

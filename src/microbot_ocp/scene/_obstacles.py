@@ -396,7 +396,7 @@ def _segment_to_body(
     rounding, contact : expression
         Scale of the parabola, m, above 0; and the distance at contact, m.
     """
-    # The parabola 2 rounding contact ((t - 1/2)^2 - 1/4) lowers the squared distance by at most
+    # The parabola 2 rounding contact t (t - 1) lowers the squared distance by at most
     # rounding contact / 2, so the distance at contact by at most rounding / 4.
     (away, depth), along, parabola = body, end - start, 2.0 * rounding * contact
 
@@ -405,7 +405,7 @@ def _segment_to_body(
 
     t = _least(slope)
     point = start + t * along
-    square = ca.sumsqr(away(point)) + parabola * ((t - 0.5) ** 2 - 0.25)
+    square = ca.sumsqr(away(point)) + parabola * t * (t - 1.0)
     outside = ca.sqrt(ca.fmax(square, TINY))
     return outside if depth is None else outside + ca.fmin(depth(point), 0.0)
 
@@ -414,7 +414,7 @@ def _segment_to_faces(numbers: ca.SX, start: ca.SX, end: ca.SX, rounding: ca.SX)
     """Return the least of :func:`_to_faces` along a segment, a convex function of its parameter."""
     t, bow, given = ca.SX.sym("t"), ca.SX.sym("bow"), ca.SX.sym("given", numbers.shape[0])
     first, last = ca.SX.sym("first", 3), ca.SX.sym("last", 3)
-    value = _to_faces(first + t * (last - first), given) + bow * ((t - 0.5) ** 2 - 0.25)
+    value = _to_faces(first + t * (last - first), given) + bow * t * (t - 1.0)
     both = ca.Function("along", [t, first, last, given, bow], [value, ca.gradient(value, t)])
     rest = start, end, numbers, rounding
     return both(_least(lambda t: both(t, *rest)[1]), *rest)[0]
@@ -436,10 +436,10 @@ def _least(slope: PointFunction) -> ca.SX:
 
 def _segment_to_plane(start_height: ca.SX, end_height: ca.SX, rounding: ca.SX) -> ca.SX:
     """Return the least height of a segment over a plane, from the heights of its ends."""
-    # Height along the segment plus rounding ((t - 1/2)^2 - 1/4) has its least value at this t.
+    # Height along the segment plus rounding t (t - 1) has its least value at this t.
     rise = end_height - start_height
     t = ca.fmin(ca.fmax(0.5 - rise / (2.0 * rounding), 0.0), 1.0)
-    return start_height + t * rise + rounding * ((t - 0.5) ** 2 - 0.25)
+    return start_height + t * rise + rounding * t * (t - 1.0)
 
 
 def _from_segment(point: ca.SX, start: ca.SX, end: ca.SX) -> ca.SX:

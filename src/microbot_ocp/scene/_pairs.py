@@ -8,7 +8,7 @@ Matrix products combine both, so a new scene needs no compilation.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
@@ -152,6 +152,40 @@ def _distance(kind: type[Obstacle], count: int) -> ca.Function:
     return ca.Function("distance", [ends, numbers], [value])
 
 
+@lru_cache(maxsize=64)
+def _of_pair(kind: type[Obstacle], count: int) -> tuple[ca.Function, ca.Function]:
+    """Return ``(ends[e], numbers) -> distance, slope[e]`` and ``Hessian[e e]``."""
+    distance = _distance(kind, count)
+    ends, numbers = (ca.SX.sym("x", distance.size1_in(k)) for k in range(2))
+    value = distance(ends, numbers)
+    hessian, slope = ca.hessian(value, ends)
+    slope, hessian = ca.densify(slope), ca.densify(ca.vec(ca.densify(hessian)))
+    return (
+        ca.Function("pair_slope", [ends, numbers], ca.cse([value, slope])),
+        ca.Function("pair_curve", [ends, numbers], ca.cse([hessian])),
+    )
+
+
+@lru_cache(maxsize=64)
+def _moving_axes(
+    poses: ca.Function, axes: tuple[tuple[int, Capsule], ...]
+) -> tuple[ca.Function, ca.Function]:
+    """Return ``(q) -> ends [A 6], slopes [A 6 n]`` and ``(q, weights [A 6]) -> Hessian [n n]`` of
+    the weighted sum.
+    """
+    q = ca.SX.sym("q", poses.size1_in(0))
+    placed = ca.horzsplit(poses(q), 4)
+    ends = ca.vertcat(*(_ends(placed, *axis) for axis in axes))
+    weights = ca.SX.sym("weights", 6 * len(axes))
+    slopes = ca.densify(ca.vec(ca.densify(ca.jacobian(ends, q)).T))
+    curve = ca.densify(ca.vec(ca.densify(ca.hessian(ca.dot(weights, ends), q)[0])))
+    both = ca.cse([ca.densify(ends), slopes])
+    return (
+        ca.Function("axes", [q], both),
+        ca.Function("axes_curve", [q, weights], ca.cse([curve])),
+    )
+
+
 # derivatives --------------------------------------------------------------------------------------
 
 
@@ -207,12 +241,11 @@ def _kernels(
     """
 
     def make() -> Sequence[ca.Function]:
-        distance = _distance(kind, count)
-        ends, numbers = (ca.SX.sym("x", distance.size1_in(k)) for k in range(2))
+        slope_of, curve_of = _of_pair(kind, count)
+        ends, numbers = (ca.SX.sym("x", slope_of.size1_in(k)) for k in range(2))
         slopes, weight = ca.SX.sym("slopes", ends.shape[0], joints), ca.SX.sym("weight")
-        value = distance(ends, numbers)
-        hessian, slope = ca.hessian(value, ends)
-        slope, hessian = ca.densify(slope), ca.densify(hessian)
+        value, slope = slope_of(ends, numbers)
+        hessian = ca.reshape(curve_of(ends, numbers), ends.shape[0], ends.shape[0])
         first = ca.cse([value, slopes.T @ slope])
         turned = weight * (slopes.T @ (hessian @ slopes))
         second = ca.cse([weight * slope, weight * (slopes.T @ slope), ca.vec(turned)])
@@ -233,20 +266,17 @@ def _of_axes(
     """Return functions of the axis ends: ``(q) -> ends [6,A], slopes [6,A n]``,
     and ``(q, weights [6 A]) -> Hessian`` of the weighted sum.
     """
-    poses = link_poses(robot)
+    poses, count = link_poses(robot), robot.joint_count
 
     def make() -> Sequence[ca.Function]:
-        q = ca.SX.sym("q", robot.joint_count)
-        placed = ca.horzsplit(poses(q), 4)
-        columns = [_ends(placed, *axis) for axis in axes]
-        weights = ca.SX.sym("weights", 6 * len(axes))
-        slopes = ca.horzcat(*(ca.densify(ca.jacobian(column, q)) for column in columns))
-        curve: Any = ca.densify(ca.hessian(ca.dot(weights, ca.vertcat(*columns)), q)[0])
-        ends: Any = ca.densify(ca.horzcat(*columns))
-        both: Any = ca.cse([ends, slopes])
+        place, bend = _moving_axes(poses, axes)
+        q, weights = ca.SX.sym("q", count), ca.SX.sym("weights", 6 * len(axes))
+        ends, slopes = place(q)
+        slopes = ca.horzcat(*ca.vertsplit(ca.reshape(slopes, count, 6 * len(axes)).T, 6))
+        both, curve = [ca.reshape(ends, 6, len(axes)), slopes], bend(q, weights)
         return (
             ca.Function("axes", [q], both),
-            ca.Function("axes_curve", [q, weights], [curve]),
+            ca.Function("axes_curve", [q, weights], [ca.reshape(curve, count, count)]),
         )
 
     places = [(frame, c.start.tolist(), c.end.tolist()) for frame, c in axes]
@@ -254,6 +284,8 @@ def _of_axes(
 
 
 # many poses ---------------------------------------------------------------------------------------
+
+_in_rows = lru_cache(maxsize=128)(rows_in_place)  # one table of a function serves every scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -301,8 +333,8 @@ class DistancesInPoses:
         axes = _axes_of(robot, pairs)
         column = {axis: number for number, axis in enumerate(axes)}
         # Further limits would change the key of these functions with every scene.
-        makers = _axes_in_rows(link_poses(robot.with_limits(also=())), tuple(axes))
-        self._place, self._bend = (make(count) for make in makers)
+        of_axes = _moving_axes(link_poses(robot.with_limits(also=())), tuple(axes))
+        self._place, self._bend = (_in_rows(f)(count) for f in of_axes)
         ends, moved = self._place.outputs
         self._ends = ends.reshape(count, len(axes), 6)
         self._moved = moved.reshape(count, len(axes), 6, -1)
@@ -313,7 +345,7 @@ class DistancesInPoses:
             rows = ([column[axis] for axis in _axes(pairs[k])] for k in chosen)
             sides = [list(side) for side in zip(*rows, strict=True)]
             sums = [(np.arange(len(axes))[:, None] == side).astype(float) for side in sides]
-            functions = [make(count * len(chosen)) for make in _pair_in_rows(*key)]
+            functions = [_in_rows(f)(count * len(chosen)) for f in _of_pair(*key)]
             for memory in functions:
                 shape = (count, len(chosen), -1)
                 memory.inputs[1].reshape(shape)[...] = [_numbers(pairs[k]) for k in chosen]
@@ -382,38 +414,3 @@ class DistancesInPoses:
         hessian += self._bend.outputs[0].reshape(hessian.shape)
         gradient = pulls.reshape(count, 1, -1) @ moved.reshape(count, -1, joints)
         return gradient[:, 0], hessian
-
-
-Maker = Callable[[int], RowsInPlace]
-
-
-@lru_cache(maxsize=64)
-def _pair_in_rows(kind: type[Obstacle], count: int) -> tuple[Maker, Maker]:
-    """Return makers of ``(ends[e], numbers) -> distance, slope[e]`` and ``Hessian[e e]``."""
-    distance = _distance(kind, count)
-    ends, numbers = (ca.SX.sym("x", distance.size1_in(k)) for k in range(2))
-    value = distance(ends, numbers)
-    hessian, slope = ca.hessian(value, ends)
-    slope, hessian = ca.densify(slope), ca.densify(ca.vec(ca.densify(hessian)))
-    return (
-        rows_in_place(ca.Function("pair_slope", [ends, numbers], ca.cse([value, slope]))),
-        rows_in_place(ca.Function("pair_curve", [ends, numbers], ca.cse([hessian]))),
-    )
-
-
-@lru_cache(maxsize=64)
-def _axes_in_rows(poses: ca.Function, axes: tuple[tuple[int, Capsule], ...]) -> tuple[Maker, Maker]:
-    """Return makers of ``(q) -> ends [A 6], slopes [A 6 n]`` and of ``(q, weights [A 6]) ->
-    Hessian`` of the weighted sum.
-    """
-    q = ca.SX.sym("q", poses.size1_in(0))
-    placed = ca.horzsplit(poses(q), 4)
-    ends = ca.vertcat(*(_ends(placed, *axis) for axis in axes))
-    weights = ca.SX.sym("weights", 6 * len(axes))
-    slopes = ca.densify(ca.vec(ca.densify(ca.jacobian(ends, q)).T))
-    curve = ca.densify(ca.vec(ca.densify(ca.hessian(ca.dot(weights, ends), q)[0])))
-    both = ca.cse([ca.densify(ends), slopes])
-    return (
-        rows_in_place(ca.Function("axes", [q], both)),
-        rows_in_place(ca.Function("axes_curve", [q, weights], ca.cse([curve]))),
-    )
