@@ -292,7 +292,7 @@ def _nearest_slowly(
         rank = max(1, int(ranks(robot, q[None], target.size)[0]))
         if rank >= robot.joint_count:
             break
-        answer = _nearest_by_nlp(robot, q, target, wanted, rank)
+        answer = nearest_by_nlp(robot, q, target, wanted, rank)
         polished, errors = descend(robot, answer, target[None], robot.limits.bounds("q"))
         if errors[0] > goal(robot):
             break
@@ -525,19 +525,7 @@ def _stationary(robot: Robot, q: FloatArray, target: FloatArray) -> bool:
     return bool(free < SAME_JOINTS * max(float(np.linalg.norm(offset)), ROUNDING))
 
 
-def by_nlp(robot: Robot, target: FloatArray, starts: int) -> FloatArray:
-    """Find branches [K,n] of a target [3] or [12]: from every start, the joints nearest to it."""
-    low, high = start_range(robot)
-    rank = kernels.generic_rank(robot, target.size)
-    spread = low + (high - low) * quasi_random(starts, robot.joint_count)
-    rows = np.vstack([_nearest_by_nlp(robot, start, target, start, rank) for start in spread])
-    q = np.clip(rows, *robot.limits.bounds("q"))
-    q = q[reaches(*task_errors(robot, q, np.tile(target, (len(q), 1))))]
-    q, _ = within_limits(robot, q, middle(robot))
-    return clusters(robot, q, SAME_JOINTS)[0]
-
-
-def _nearest_by_nlp(
+def nearest_by_nlp(
     robot: Robot, start: FloatArray, target: FloatArray, wanted: FloatArray, rank: int
 ) -> FloatArray:
     """Solve the NLP of the joints [1,n] nearest to ``wanted``, with rank-reduced constraints."""

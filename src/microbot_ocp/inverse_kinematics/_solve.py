@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.quasi_random import quasi_random
 from microbot_ocp._base.status import Status
 from microbot_ocp.inverse_kinematics import _search as search
 from microbot_ocp.inverse_kinematics._kernels import generic_rank, joint_scale, pose_of
@@ -257,7 +258,15 @@ def branches_by_nlp(
     start, subject to the target and the limits. Answers are verified by forward kinematics and
     compared modulo a turn.
     """
-    return search.by_nlp(robot, checked_target(position, orientation), starts)
+    target = checked_target(position, orientation)
+    low, high = search.start_range(robot)
+    rank = generic_rank(robot, target.size)
+    spread = low + (high - low) * quasi_random(starts, robot.joint_count)
+    rows = [search.nearest_by_nlp(robot, start, target, start, rank) for start in spread]
+    q = np.clip(np.vstack(rows), *robot.limits.bounds("q"))
+    q = q[search.reaches(*search.task_errors(robot, q, np.tile(target, (len(q), 1))))]
+    q, _ = search.within_limits(robot, q, search.middle(robot))
+    return search.clusters(robot, q, search.SAME_JOINTS)[0]
 
 
 def nearest_solution(
