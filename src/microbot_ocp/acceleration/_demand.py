@@ -19,9 +19,10 @@ means are added to the remainder.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -29,7 +30,6 @@ from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp.acceleration._forms import Terms, pairs
 from microbot_ocp.robot import COULOMB_SMOOTHING
 
-Rows = np.ndarray | slice
 LEAST_ROWS = 128  # The calls for fewer rows cost more than a cache that overflows.
 CHUNK = 60_000  # Arrays of this many numbers fit several at once into the second-level cache.
 
@@ -49,10 +49,6 @@ class Boxes(NamedTuple):
     def half(self) -> FloatArray:
         """Half the width of each box."""
         return (self.high - self.low) / 2
-
-    def taken(self, rows: Rows) -> Boxes:
-        """Return the boxes of these rows."""
-        return Boxes(self.low[rows], self.high[rows])
 
 
 class States(NamedTuple):
@@ -81,15 +77,6 @@ class States(NamedTuple):
             scale = self.room / (self.rows @ box)
         return np.where(np.isnan(scale), np.inf, scale)
 
-    def taken(self, rows: Rows) -> States:
-        """Return the states of these rows."""
-        return States(*(part[rows] for part in self))
-
-    @staticmethod
-    def joined(parts: list[States]) -> States:
-        """Join lists of states into one."""
-        return States(*(np.concatenate(part) for part in zip(*parts, strict=True)))
-
 
 class ScaleBounds(NamedTuple):
     """Bounds over boxes of positions and speeds.
@@ -107,6 +94,23 @@ class ScaleBounds(NamedTuple):
     scale: FloatArray
     states: States
     weights: FloatArray
+
+
+Rows = TypeVar("Rows", bound="np.ndarray | tuple[Any, ...]")
+
+
+def taken(table: Rows, rows: np.ndarray | slice) -> Rows:
+    """Return some rows of an array, or of each array of a named tuple."""
+    if isinstance(table, np.ndarray):
+        return table[rows]  # type: ignore[return-value]
+    return type(table)(*(taken(part, rows) for part in table))
+
+
+def joined(tables: Sequence[Rows]) -> Rows:
+    """Join the rows of arrays, or of named tuples of arrays."""
+    if isinstance(tables[0], np.ndarray):
+        return np.concatenate(tables)  # type: ignore[return-value]
+    return type(tables[0])(*map(joined, zip(*tables, strict=True)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,20 +185,13 @@ class Demand:
         """Return the states [B] with the worst corner of the speeds at positions [B,n]."""
         low, high = (np.broadcast_to(end, q.shape) for end in self.all_shares)
         boxes = Boxes(np.hstack([q, low]), np.hstack([q, high]))
-        chunks = [boxes.taken(rows) for rows in self._chunks(len(q))]
-        return States.joined(
-            [self._states(chunk, self._terms_at(chunk)[:, :1]) for chunk in chunks]
-        )
+        chunks = [taken(boxes, rows) for rows in self._chunks(len(q))]
+        return joined([self._states(chunk, self._terms_at(chunk)[:, :1]) for chunk in chunks])
 
     def bounds(self, boxes: Boxes, box: FloatArray, scale: float) -> ScaleBounds:
         """Return bounds of the scale of a box [n] of accelerations, sharpest near ``scale``."""
-        parts = [
-            self._bounds(boxes.taken(rows), box, scale) for rows in self._chunks(len(boxes.low))
-        ]
-        scales, states, weights = zip(*parts, strict=True)
-        return ScaleBounds(
-            np.concatenate(scales), States.joined([*states]), np.concatenate(weights)
-        )
+        chunks = [taken(boxes, rows) for rows in self._chunks(len(boxes.low))]
+        return joined([self._bounds(chunk, box, scale) for chunk in chunks])
 
     def _chunks(self, count: int) -> list[slice]:
         size = max(LEAST_ROWS, CHUNK // (self.speed.size * len(self._corners)))
@@ -267,7 +264,7 @@ class Demand:
         if rolls.size and self.terms.rolling is not None:
             states = self._states(boxes, terms)
             terms[rolls], wide[rolls, -1] = self._rolled(
-                boxes.taken(rolls), self._towards(terms[rolls]), wide[rolls]
+                taken(boxes, rolls), self._towards(terms[rolls]), wide[rolls]
             )
             at_corners = self._at_corners(boxes, terms)
         else:
@@ -395,8 +392,8 @@ def _largest(slopes: FloatArray, bends: FloatArray | None, half: FloatArray) -> 
         return np.matmul(half[:, None], sizes)[:, 0]
     width, each = half[:, :, None], np.arange(half.shape[1])
     diagonal = bends[:, each, each][:, :, None]
-    top = np.minimum(width, sizes / np.maximum(-diagonal, 1e-300))
-    along = np.where(diagonal < 0.0, top, width)
+    vertex = np.divide(sizes, -diagonal, out=np.full_like(sizes, np.inf), where=diagonal < 0.0)
+    along = np.minimum(width, vertex)
     own = along * (sizes + 0.5 * diagonal * along)
     mixed = np.abs(bends)
     mixed[:, each, each] = 0.0

@@ -272,10 +272,7 @@ class _Waves:
         factors, amplitudes = self._slope_factors(numbers.shape), np.abs(numbers).ravel()
         mixed = np.abs((factors * amplitudes[:, None]).T @ factors)
         amplitude = float(amplitudes.sum())
-        rounding = ROUNDING * amplitude
-        # Rounding errors of a term are near 1e-13 of its amplitude: entries below 1e-12 of it are
-        # zeros, which Demand._margin covers.
-        curvature = np.where(mixed > 1e-12 * amplitude, mixed * (1 + ROUNDING) + rounding, 0.0)
+        curvature = mixed * (1 + ROUNDING) + ROUNDING * amplitude
         steep = np.abs(factors).T @ amplitudes * (1 + ROUNDING)
         span = 2.0 * (factors != 0.0).T @ amplitudes * (1 + ROUNDING)
         return curvature, amplitude, steep, span

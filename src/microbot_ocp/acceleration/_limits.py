@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,21 +15,13 @@ from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
 from microbot_ocp._base.needed import needed
 from microbot_ocp._base.status import Status
 from microbot_ocp._base.table import Column, Table
+from microbot_ocp.acceleration import _search as search
 from microbot_ocp.acceleration._coupled import CoupledDemand
 from microbot_ocp.acceleration._demand import Demand
 from microbot_ocp.acceleration._files import form_of, write
 from microbot_ocp.acceleration._forms import Terms, torque_terms
 from microbot_ocp.acceleration._rate import RateDemand
 from microbot_ocp.acceleration._region import PositionRegion, position_region
-from microbot_ocp.acceleration._search import (
-    BoxProof,
-    CriticalState,
-    KnownStates,
-    box_of_largest_product,
-    largest_box,
-    prove,
-    sampled_states,
-)
 from microbot_ocp.limits import quantity_name
 from microbot_ocp.motion import Motion
 from microbot_ocp.robot import Robot
@@ -293,52 +285,59 @@ def acceleration_limits(
         _bounds(robot, key)
     terms = _terms(arms, positions)
     demands = _demands(arms, terms, speeds, radius)
-    box, proof = _largest(demands, positions, shape, gap, work, seed)
-    worst = proof.known.worst(box)
+    found = _largest(demands, positions, shape, gap, work, seed)
     status, advice = Status.SOLVED, ""
-    if worst.scale <= 0.0:
-        status, advice = Status.INFEASIBLE, _why_none(arms, worst)
-    elif not proof.done:
-        status, advice = Status.TIME_LIMIT, _unfinished(proof, worst)
-    qdd_max, broken = max(proof.scale, 0.0) * box, max(worst.scale, 0.0) * box
+    if found.worst.scale <= 0.0:
+        status, advice = Status.INFEASIBLE, _why_none(arms, found.worst)
+    elif not found.done:
+        status, advice = Status.TIME_LIMIT, found.unfinished
     rates: dict[str, FloatArray] = {}
-    if jerk and qdd_max.any():
-        demands = _rate_demands(arms, terms, speeds, qdd_max)
-        box, rate_proof = _largest(demands, positions, shape, gap, work, seed)
-        worst_rate = rate_proof.known.worst(box)
-        rates = {
-            "qddd_max": max(rate_proof.scale, 0.0) * box,
-            "jerk_broken": max(worst_rate.scale, 0.0) * box,
-        }
-        if worst_rate.scale <= 0.0:
-            name = robot.joint_names[worst_rate.demand.joint]
-            status, advice = (
-                Status.INFEASIBLE,
-                (
-                    f"{name}: speeds and accelerations alone need more than its torque rate: give "
-                    "less speed or a smaller region"
-                ),
+    if jerk and found.proved.any():
+        demands = _rate_demands(arms, terms, speeds, found.proved)
+        rate = _largest(demands, positions, shape, gap, work, seed)
+        rates = {"qddd_max": rate.proved, "jerk_broken": rate.broken}
+        if rate.worst.scale <= 0.0:
+            name = robot.joint_names[rate.worst.demand.joint]
+            status = Status.INFEASIBLE
+            advice = (
+                f"{name}: speeds and accelerations alone need more than its torque rate: give less "
+                "speed or a smaller region"
             )
-        elif not rate_proof.done and status.solved:
-            status, advice = Status.TIME_LIMIT, f"jerk: {_unfinished(rate_proof, worst_rate)}"
+        elif not rate.done and status.solved:
+            status, advice = Status.TIME_LIMIT, f"jerk: {rate.unfinished}"
     return AccelerationLimits(
         robot=robot,
         status=status,
-        qdd_max=qdd_max,
-        broken=broken,
-        state=_state(arms, worst, broken),
+        qdd_max=found.proved,
+        broken=found.broken,
+        state=_state(arms, found.worst, found.broken),
         payload=loads,
         speed=speeds,
         region=positions.words,
-        boxes=proof.count,
+        boxes=found.boxes,
         advice=advice,
         **rates,
     )
 
 
-def _unfinished(proof: BoxProof, worst: CriticalState) -> str:
-    left = 100 * (1 - max(proof.scale, 0.0) / worst.scale)
-    return f"the work ended at a gap of {left:.3g} %: give more, a smaller region or less speed"
+class _LargestBox(NamedTuple):
+    """Largest box of accelerations or jerks.
+
+    ``proved`` and ``broken`` [n] are the box that is proved, and the one that ``worst`` breaks.
+    ``boxes`` is the number of boxes of the proof, ``done`` is True if the gap is small enough.
+    """
+
+    proved: FloatArray
+    broken: FloatArray
+    worst: search.CriticalState
+    boxes: int
+    done: bool
+
+    @property
+    def unfinished(self) -> str:
+        """Advice if the work ended early."""
+        left = 100 * _gap(self.proved, self.broken)
+        return f"the work ended at a gap of {left:.3g} %: give more, a smaller region or less speed"
 
 
 def _largest(
@@ -348,18 +347,18 @@ def _largest(
     gap: float,
     work: float,
     seed: int,
-) -> tuple[FloatArray, BoxProof]:
-    """Return the largest box [n] that no known state breaks, and the proof of its scale."""
+) -> _LargestBox:
+    """Return the largest box that no known state breaks, and the part of it that is proved."""
     rng = np.random.default_rng(seed)
     with deadline.within(np.inf, work):
-        known = sampled_states(demands, positions, rng)
+        known = search.sampled_states(demands, positions, rng)
         box, known = _box(known, positions, shape, rng)
-        if known.worst(box).scale <= 0.0:
-            return box, BoxProof(0.0, known, 0, False)
-        proof = prove(known, box, positions, gap, MOST_BOXES)
-    if proof.known.worst(box).scale <= 0.0:  # The proof itself may find such a state.
-        proof = proof._replace(scale=0.0)
-    return box, proof
+        proof = search.BoxProof(0.0, known, 0, False)
+        if known.worst(box).scale > 0.0:
+            proof = search.prove(known, box, positions, gap, MOST_BOXES)
+    worst = proof.known.worst(box)  # the proof itself may find a state without any acceleration
+    proved, broken = max(min(proof.scale, worst.scale), 0.0), max(worst.scale, 0.0)
+    return _LargestBox(proved * box, broken * box, worst, proof.count, proof.done)
 
 
 def _gap(proved: FloatArray | None, broken: FloatArray | None) -> float:
@@ -481,11 +480,11 @@ def _rate_demands(
 
 
 def _box(
-    known: KnownStates,
+    known: search.KnownStates,
     positions: PositionRegion,
     shape: FloatArray | None,
     rng: np.random.Generator,
-) -> tuple[FloatArray, KnownStates]:
+) -> tuple[FloatArray, search.KnownStates]:
     """Find the largest box [n] that no known state breaks, with ratios ``shape`` if given."""
     count = len(known.demands[0].speed)
     moved = np.max([states.rows.max(axis=0) for states in known.states], axis=0)
@@ -493,17 +492,17 @@ def _box(
         raise InputError(f"joint {int(moved.argmin()) + 1} moves no mass: no torque limits it")
     room = min(float(states.room.min()) for states in known.states)
 
-    def of_shape(known: KnownStates) -> FloatArray:
+    def of_shape(known: search.KnownStates) -> FloatArray:
         if shape is None:
-            return box_of_largest_product(known, count)
+            return search.box_of_largest_product(known, count)
         return shape * known.worst(shape).scale
 
     if room <= 0.0:  # Gravity and speed use up a torque: the box is empty.
         return np.ones(count), known
-    return largest_box(known, positions, of_shape, rng)
+    return search.largest_box(known, positions, of_shape, rng)
 
 
-def _why_none(arms: dict[float, Robot], worst: CriticalState) -> str:
+def _why_none(arms: dict[float, Robot], worst: search.CriticalState) -> str:
     """Return the advice for an empty box: gravity or speed alone exceed a torque."""
     arm = arms[worst.demand.payload]
     none = np.zeros(arm.joint_count)
@@ -527,7 +526,7 @@ def _why_none(arms: dict[float, Robot], worst: CriticalState) -> str:
 
 
 def _state(
-    arms: dict[float, Robot], worst: CriticalState, box: FloatArray, *, moving: bool = True
+    arms: dict[float, Robot], worst: search.CriticalState, box: FloatArray, *, moving: bool = True
 ) -> BreakingState:
     """Return the state of a joint's largest torque, with the torque from inverse dynamics.
 

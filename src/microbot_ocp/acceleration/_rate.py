@@ -19,7 +19,7 @@ from functools import cached_property
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.acceleration._demand import Boxes, Demand, ScaleBounds, States
+from microbot_ocp.acceleration._demand import Boxes, Demand, ScaleBounds, States, joined
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class RateDemand(Demand):
 
     def states_at(self, q: FloatArray) -> States:
         """Return the states [B] with the worst speeds and accelerations at positions [B,n]."""
-        return States.joined([self._at(q[rows])[0] for rows in self._chunks(len(q))])
+        return joined([self._at(q[rows])[0] for rows in self._chunks(len(q))])
 
     @cached_property
     def _speeds(self) -> FloatArray:
@@ -85,11 +85,10 @@ class RateDemand(Demand):
     @cached_property
     def _bending(self) -> FloatArray:
         """Bounds [n] of the rate's change with each position through curvature, N m/s per rad."""
-        count = self.speed.size
         # |curvature_kl| <= sqrt(curvature_kk curvature_ll), by Cauchy and Schwarz.
         roots = np.sqrt(np.einsum("fkk->fk", self.terms.curvature))
         sizes = np.concatenate([[1.0], self.acceleration, self._pairs(self.speed[None])[0]])
-        return (sizes * (roots @ self.speed)) @ roots + np.zeros(count)
+        return (sizes * (roots @ self.speed)) @ roots
 
     def _bounds(self, boxes: Boxes, box: FloatArray, scale: float) -> ScaleBounds:
         count = self.speed.size
@@ -99,9 +98,8 @@ class RateDemand(Demand):
         rest = self.terms.tangent_error(half)
         # Factors of C_ijk in 2 sum_jk C_ijk qd_j qdd_k: 2 (qd_j qdd_k + qd_k qdd_j) for j < k, and
         # 2 qd_j qdd_j for j = k.
-        products = 2.0 * np.outer(self.speed, self.acceleration)[*np.triu_indices(count)]
-        products += 2.0 * np.outer(self.acceleration, self.speed)[*np.triu_indices(count)]
-        products[np.equal(*np.triu_indices(count))] /= 2.0
+        mixed = 2.0 * np.outer(self.speed, self.acceleration)
+        products = (mixed + np.triu(mixed.T, 1))[*np.triu_indices(count)]
         turned = np.concatenate([[0.0], scale * box, products])
         weights = half * self._bending + swing @ turned
         bound = largest + half @ self._bending + self._margin(box, scale)

@@ -14,7 +14,7 @@ import numpy as np
 
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import ROUNDING, FloatArray
-from microbot_ocp.acceleration._demand import Boxes, Demand, States
+from microbot_ocp.acceleration._demand import Boxes, Demand, States, joined, taken
 from microbot_ocp.acceleration._region import PositionRegion
 
 BATCH = 1000  # Boxes are split in batches: one call evaluates all halves.
@@ -65,7 +65,7 @@ class KnownStates:
     def with_states(self, index: int, states: States) -> KnownStates:
         """Add states of one demand."""
         every = [*self.states]
-        every[index] = States.joined([every[index], states])
+        every[index] = joined([every[index], states])
         return KnownStates(self.demands, tuple(every))
 
 
@@ -86,7 +86,7 @@ def with_local_search(
         scales = known.states[index].scale(box)
         if not scales.size or scales.min() > 2.0 * max(least, 0.0):
             continue
-        best = known.states[index].taken(np.argsort(scales)[:BEST_STATES])
+        best = taken(known.states[index], np.argsort(scales)[:BEST_STATES])
         width = np.ptp(np.stack([region.boxes.low.min(axis=0), region.boxes.high.max(axis=0)]), 0)
         for halving in range(ROUNDS):
             step = 0.5 * width * (2 / 3) ** halving
@@ -94,8 +94,8 @@ def with_local_search(
             q = q + step * rng.uniform(-1.0, 1.0, q.shape) * (rng.random(q.shape) < 0.5)
             q = _moved_inside(q, region)
             if len(q):
-                best = States.joined([best, demand.states_at(q)])
-            best = best.taken(np.argsort(best.scale(box))[:BEST_STATES])
+                best = joined([best, demand.states_at(q)])
+            best = taken(best, np.argsort(best.scale(box))[:BEST_STATES])
         known = known.with_states(index, best)
         least = min(least, float(best.scale(box).min()))
     return known
@@ -147,17 +147,17 @@ def prove(
     broken = known.worst(box).scale
     fronts = []
     keep, across = region.across(region.boxes)
-    positions = region.boxes.taken(keep)
+    positions = taken(region.boxes, keep)
     for demand in known.demands:
         low, high = (np.tile(end, (len(positions.low), 1)) for end in demand.all_shares)
         boxes = Boxes(np.hstack([positions.low, low]), np.hstack([positions.high, high]))
         bounds = demand.bounds(boxes, box, broken)
         weights = bounds.weights / demand.limit
         weights[:, : box.size] += across[keep]
-        fronts.append((bounds.scale, boxes, weights))
-    count, settled = sum(len(front[0]) for front in fronts), np.inf
+        fronts.append(Front(bounds.scale, boxes, weights))
+    count, settled = sum(front.scales.size for front in fronts), np.inf
     while True:
-        lowest = [front[0].min(initial=np.inf) for front in fronts]
+        lowest = [front.scales.min(initial=np.inf) for front in fronts]
         index = int(np.argmin(lowest))
         scale = min(lowest[index], settled)
         done = scale >= (1.0 - gap) * broken
@@ -166,7 +166,7 @@ def prove(
         halves, after, rest = _split(fronts[index])
         demand = known.demands[index]
         keep, across = region.across(Boxes(*(end[:, : box.size] for end in halves)))
-        halves, after = halves.taken(keep), after[keep]
+        halves, after = taken(halves, keep), after[keep]
         count += len(keep)
         bounds = demand.bounds(halves, box, broken)
         # A bound of the whole box holds for both halves.
@@ -176,21 +176,21 @@ def prove(
         rows = rows[region.inside(bounds.states.q[rows])] if rows.size else rows
         if rows.size:
             row = rows[[at[rows].argmin()]]
-            known, broken = known.with_states(index, bounds.states.taken(row)), float(at[row[0]])
+            known, broken = known.with_states(index, taken(bounds.states, row)), float(at[row[0]])
         weights = bounds.weights / demand.limit
         # If a state outside of the region breaks, the border decides which half it is in.
         weights[:, : box.size] += across[keep] * (at < broken)[:, None]
         left = scales < (1.0 - gap) * broken
         settled = min(settled, scales[~left].min(initial=np.inf))
-        parts = (scales[left], halves.taken(left), weights[left])
-        fronts[index] = (
-            np.concatenate([rest[0], parts[0]]),
-            Boxes(*(np.concatenate(pair) for pair in zip(rest[1], parts[1], strict=True))),
-            np.concatenate([rest[2], parts[2]]),
-        )
+        fronts[index] = joined([rest, taken(Front(scales, halves, weights), left)])
 
 
-Front = tuple[FloatArray, Boxes, FloatArray]
+class Front(NamedTuple):
+    """Boxes that are not yet good enough, with their bounds of the scale [B] and weights [B,2n]."""
+
+    scales: FloatArray
+    boxes: Boxes
+    weights: FloatArray
 
 
 def _split(front: Front) -> tuple[Boxes, FloatArray, Front]:
@@ -205,17 +205,14 @@ def _split(front: Front) -> tuple[Boxes, FloatArray, Front]:
     rest : Front
         Boxes that were not split.
     """
-    scales, boxes, weights = front
-    order = np.argpartition(scales, min(BATCH, scales.size) - 1)
-    chosen, others = order[:BATCH], order[BATCH:]
-    low, high = boxes.taken(chosen)
-    rows, along = np.arange(len(low)), weights[chosen].argmax(axis=1)
+    order = np.argpartition(front.scales, min(BATCH, front.scales.size) - 1)
+    scales, (low, high), weights = taken(front, order[:BATCH])
+    rows, along = np.arange(len(low)), weights.argmax(axis=1)
     middle = (low[rows, along] + high[rows, along]) / 2
     below, above = high.copy(), low.copy()
     below[rows, along] = above[rows, along] = middle
     halves = Boxes(np.concatenate([low, above]), np.concatenate([below, high]))
-    rest = scales[others], boxes.taken(others), weights[others]
-    return halves, np.tile(scales[chosen], 2), rest
+    return halves, np.tile(scales, 2), taken(front, order[BATCH:])
 
 
 def largest_box(
@@ -257,8 +254,8 @@ def box_of_largest_product(known: KnownStates, count: int) -> FloatArray:
     while True:
         active[np.argsort(-planes @ box)[: PLANES * count]] = True
         box = _product_below(planes[active])
-        if (largest := float((planes @ box).max())) <= 1.0 + 1e-6:
-            return box / max(largest, 1.0) / sizes
+        if (planes @ box).max() <= 1.0:
+            return box / sizes
 
 
 def _product_below(planes: FloatArray) -> FloatArray:
