@@ -281,13 +281,13 @@ def track(
     else:
         checks.one_of("integrator under sampled control", chosen, INTEGRATORS[1:])
         sample_rate = checks.number("sample_rate", sample_rate, "Hz", above=0.0)
-        samples = Samples.of(begin, end, sample_rate, step)
-        errors = (SensorNoise() if noise is None else noise).draw(samples.t.size, count)
+        t, within = _sample_times(begin, end, sample_rate, step)
+        errors = (SensorNoise() if noise is None else noise).draw(t.size, count)
         if not 0 <= delay <= MOST_DELAY:
             raise InputError(f"delay must be 0 to {MOST_DELAY} samples, not {delay}")
-        sampled = SampledLoop(arm, _law(loop), gains, load, signal, errors, delay)
+        sampled = SampledLoop(arm, _law(loop), gains, load, signal, t, within, errors, delay)
         with deadline.within(time_limit):
-            grid, run, tau = sampled.run(samples, start, settings)
+            grid, run, tau = sampled.run(start, end, settings)
         wanted = signal.values(grid)
     fields = result_fields(arm, grid, run, tau, load, settings, started, CLOSED_LOOP)
     cut = np.isfinite(lower) | np.isfinite(upper)
@@ -360,23 +360,6 @@ def _law_text(controller: Controller, model: Robot) -> str:
 # sampled control ----------------------------------------------------------------------------------
 
 
-class Samples(NamedTuple):
-    """Sample times of a controller, and the times of the result between them."""
-
-    t: FloatArray  # [K]
-    within: FloatArray  # result times since the last sample [M], s, up to the period
-    end: float
-
-    @classmethod
-    def of(cls, begin: float, end: float, rate: float, step: float) -> Samples:
-        count = checks.step_count(end - begin, 1.0 / rate)
-        inner = checks.step_count(1.0 / rate, step)
-        checks.size("the number of samples of the controller", count, MOST_SAMPLES)
-        checks.size("the number of samples", count * inner, checks.MOST_GIVEN)
-        within = np.arange(1, inner + 1) / (inner * rate)
-        return cls(begin + np.arange(count) / rate, within, end)
-
-
 class SampledLoop(NamedTuple):
     """Sampled controller and the arm between its samples."""
 
@@ -385,55 +368,57 @@ class SampledLoop(NamedTuple):
     gains: FloatArray
     disturbance: ca.Function | None  # maps time to torque
     signal: Signal
+    t: FloatArray  # times of the samples [K]
+    within: FloatArray  # times of the result since the last sample [M], s, up to the period
     errors: FloatArray  # measurement errors [K, 2n]
-    delay: int = 0  # samples between a measurement and its torque
+    delay: int  # samples between a measurement and its torque
 
     def run(
-        self, samples: Samples, start: FloatArray, settings: IntegratorSettings
+        self, start: FloatArray, end: float, settings: IntegratorSettings
     ) -> tuple[FloatArray, IntegrationRun, FloatArray]:
         """Simulate the loop; return times [N], states and held torques [N,n].
 
         One step of the accumulated map measures, computes the torque and integrates the arm until
         the next sample.
         """
-        count, inner = self.arm.joint_count, samples.within.size
-        wanted = self.signal.values(samples.t)
+        count, inner = self.arm.joint_count, self.within.size
+        wanted = self.signal.values(self.t)
         waiting = np.array(self.law(wanted[0], start[:count], start[count:], self.gains)).T
         begin = np.append(start, np.tile(waiting, self.delay))
 
         def states(steps: int) -> FloatArray:
-            period = self._period(samples, *plugin(settings, steps, samples.within[-1]))
-            given = samples.t[None, :], wanted.T, self.errors.T
-            _, everything = period.mapaccum(samples.t.size)(begin, *given)
+            period = self._period(*plugin(settings, steps, self.within[-1]))
+            given = self.t[None, :], wanted.T, self.errors.T
+            _, everything = period.mapaccum(self.t.size)(begin, *given)
             return np.vstack([start, np.array(everything).T.reshape(-1, 2 * count)])
 
-        each = settings._replace(max_steps=max(settings.max_steps // samples.t.size, FINEST))
-        steps = max(inner, int(np.ceil(samples.within[-1] / SAMPLE_STEP)))
+        each = settings._replace(max_steps=max(settings.max_steps // self.t.size, FINEST))
+        steps = max(inner, int(np.ceil(self.within[-1] / SAMPLE_STEP)))
         run = within_deadline(lambda _: with_halved_steps(states, each, steps))
-        grid = np.append(samples.t[0], (samples.t[:, None] + samples.within).ravel())
+        grid = np.append(self.t[0], (self.t[:, None] + self.within).ravel())
         if not run.states.size:  # a failure in one sample leaves the whole map without states
             run = run._replace(states=np.full((grid.size, 2 * count), np.nan))
         seen = np.split(run.states[:-1:inner] + self.errors, 2, axis=1)
         torques = deferred_call(self.law)(wanted, *seen, self.gains)
-        held = np.vstack([*[waiting] * self.delay, torques])[: samples.t.size]
+        held = np.vstack([*[waiting] * self.delay, torques])[: self.t.size]
         tau = np.vstack([np.repeat(held, inner, axis=0), held[-1:]])
-        keep = grid <= samples.end + ROUNDING * samples.within[-1]
+        keep = grid <= end + ROUNDING * self.within[-1]
         run = run._replace(states=run.states[keep])
-        return np.minimum(grid[keep], samples.end), run, tau[keep]
+        return np.minimum(grid[keep], end), run, tau[keep]
 
-    def _period(self, samples: Samples, name: str, options: dict[str, Any]) -> ca.Function:
+    def _period(self, name: str, options: dict[str, Any]) -> ca.Function:
         """Return the map of one sample.
 
         The map takes state, time, reference and measurement error, and returns the next state and
         the states within the sample. The state holds the delayed torques after positions and
         velocities.
         """
-        count, inner = self.arm.joint_count, samples.within.size
+        count, inner = self.arm.joint_count, self.within.size
         t, x, u = ca.SX.sym("t"), ca.SX.sym("x", 2 * count), ca.SX.sym("u", count + 1)
         tau = u[:count] + (self.disturbance(u[count] + t) if self.disturbance else 0.0)
         qdd = forward_dynamics(self.arm)(x[:count], x[count:], tau)
         equation = {"t": t, "x": x, "u": u, "ode": ca.vertcat(x[count:], qdd)}
-        drift = ca.integrator("drift", name, equation, 0.0, samples.within.tolist(), options)
+        drift = ca.integrator("drift", name, equation, 0.0, self.within.tolist(), options)
         state, moment = ca.MX.sym("state", (2 + self.delay) * count), ca.MX.sym("moment")
         now = state[: 2 * count]
         wanted, error = ca.MX.sym("wanted", 3 * count), ca.MX.sym("error", 2 * count)
@@ -444,6 +429,17 @@ class SampledLoop(NamedTuple):
         after = drift(x0=now, u=given)["xf"]
         outputs = [ca.vertcat(after[:, -1], torques[count:, 0]), ca.vec(after)]
         return ca.Function("period", [state, moment, wanted, error], outputs)
+
+
+def _sample_times(
+    begin: float, end: float, rate: float, step: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the times [K] of a controller's samples, and those of the result after each [M]."""
+    count = checks.step_count(end - begin, 1.0 / rate)
+    inner = checks.step_count(1.0 / rate, step)
+    checks.size("the number of samples of the controller", count, MOST_SAMPLES)
+    checks.size("the number of samples", count * inner, checks.MOST_GIVEN)
+    return begin + np.arange(count) / rate, np.arange(1, inner + 1) / (inner * rate)
 
 
 # checks of arguments ------------------------------------------------------------------------------
