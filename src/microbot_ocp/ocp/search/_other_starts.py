@@ -42,6 +42,7 @@ from microbot_ocp.ocp.transcription import (
     GuessValue,
     Transcription,
     guess_table,
+    interpolate,
 )
 
 # Relative differences of cost.
@@ -148,9 +149,7 @@ def _as_function(value: GuessValue, size: int) -> GuessValue:
     if callable(value) or np.ndim(value) == 0:
         return value
     table = guess_table(value, size, np.zeros(1))
-    table = table.reshape(-1, table.shape[-1])
-    places = np.linspace(0.0, 1.0, table.shape[0])
-    return lambda s: np.column_stack([np.interp(s, places, column) for column in table.T])
+    return partial(interpolate, table.reshape(-1, table.shape[-1]))
 
 
 def _solved(coarse: _CoarseSolver, starts: Iterable[dict[str, Guess]]) -> Iterator[Solution]:

@@ -28,6 +28,7 @@ from microbot_ocp.ocp.transcription import (
     fill_transitions,
     fill_values,
     guess_table,
+    interpolate,
 )
 
 if TYPE_CHECKING:
@@ -471,7 +472,7 @@ def _guess_table(
     if table.ndim == 3 and which is not None and which < table.shape[1]:
         table = table[:, which]  # values of an earlier solution at the points of a scheme
     if table.shape == (layout.mesh.size, variable.size) and not np.array_equal(at, layout.mesh):
-        table = np.column_stack([np.interp(at, layout.mesh, column) for column in table.T])
+        table = interpolate(table, at, layout.mesh)
     if table.shape != (at.size, variable.size):
         raise InputError(
             f"{label} must have shape [{at.size}, {variable.size}], not {list(table.shape)}"

@@ -15,7 +15,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import Expressions, OptimalControlProblem, Phase, Variable, parts_of
-from microbot_ocp.ocp.transcription import Guess, Guesses, sampled
+from microbot_ocp.ocp.transcription import Guess, Guesses, interpolate, sampled
 
 POINTS, STEPS = 21, 20
 STEP_LENGTHS = 0.5 ** np.arange(6)
@@ -71,7 +71,7 @@ def _followed(phase: Phase, guess: Guess) -> Guess:
             x, left = np.where(nearer, tried, x), np.where(nearer, there, left)
             jacobian = np.where(nearer[:, None], jacobian_there, jacobian)
             step = np.where(nearer, 0.0, step)
-    return guess.with_values({k: partial(_along, t) for k, t in parts_of(free, x).items()})
+    return guess.with_values({k: partial(interpolate, t) for k, t in parts_of(free, x).items()})
 
 
 def _line_equations(phase: Phase, tables: dict[str, FloatArray], duration: float) -> ca.MX:
@@ -93,8 +93,3 @@ def _line_equations(phase: Phase, tables: dict[str, FloatArray], duration: float
         if (limit.lower == limit.upper).all()
     ]
     return ca.vertcat(*equations, *phase.algebraic_equations, ca.MX(0, 1))
-
-
-def _along(table: FloatArray, s: FloatArray) -> FloatArray:
-    grid = np.linspace(0.0, 1.0, POINTS)
-    return np.column_stack([np.interp(s, grid, column) for column in table.T])

@@ -19,7 +19,7 @@ from microbot_ocp.ocp.solution import Given, PhaseSolution, Solution, StartingPo
 from microbot_ocp.ocp.starts._measured_guess import with_measurements
 from microbot_ocp.ocp.starts._rollout import rollouts
 from microbot_ocp.ocp.starts._tied_guess import with_tied_controls
-from microbot_ocp.ocp.transcription import Block, Guess, PhaseLayout, Program
+from microbot_ocp.ocp.transcription import Block, Guess, PhaseLayout, Program, interpolate
 from microbot_ocp.ocp.transcription.schemes import Collocation
 
 
@@ -177,7 +177,7 @@ def guess_from(problem: OptimalControlProblem, solution: Solution) -> dict[str, 
         values = dict(ordinary[phase.name].values) if ordinary else {}
         for variable in phase.variables:
             if all(_has(piece, variable) for piece in pieces):
-                values[variable.name] = partial(_along, pieces, variable.name, share, samples)
+                values[variable.name] = partial(_sampled, pieces, variable.name, share, samples)
         whole = sum(piece.duration for piece in pieces)
         duration = float(np.clip(whole * (share[1] - share[0]), *phase.duration_bounds))
         guesses[phase.name] = Guess(duration, values)
@@ -213,7 +213,7 @@ def _has(piece: PhaseSolution, variable: Variable) -> bool:
 Samples = dict[str, tuple[FloatArray, Mapping[str, FloatArray]]]
 
 
-def _along(
+def _sampled(
     pieces: Sequence[PhaseSolution],
     name: str,
     share: tuple[float, float],
@@ -240,7 +240,7 @@ def _values(piece: PhaseSolution, name: str, t: FloatArray, samples: Samples) ->
         return values[name]
     table, share = piece.values[name], np.clip(t / piece.duration, 0.0, 1.0)
     if table.ndim == 2 and table.shape[0] == piece.mesh.size:
-        return np.column_stack([np.interp(share, piece.mesh, column) for column in table.T])
+        return interpolate(table, share, piece.mesh)
     k = np.searchsorted(piece.mesh, share, side="right") - 1
     flat = table if table.ndim == 2 else table.mean(axis=1)  # mean over the points of an interval
     return flat[np.clip(k, 0, flat.shape[0] - 1)]

@@ -11,7 +11,7 @@ import numpy as np
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.quiet import quiet
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Range, Variable, parts_of
-from microbot_ocp.ocp.transcription import Guess, Guesses, GuessValue, sampled
+from microbot_ocp.ocp.transcription import Guess, Guesses, GuessValue, interpolate, sampled
 
 # Fractions of the ranges of all controls: constant, or in the two halves of every phase.
 LEVELS = (0.5, 0.2, 0.1, 0.8, 0.0, 1.0)
@@ -161,7 +161,7 @@ class Rollouts:
             for state in phase.states:
                 part = parts[state.name]
                 clipped = np.clip(part, state.lower, state.upper)
-                values[state.name] = partial(_along, clipped)
+                values[state.name] = partial(interpolate, clipped)
                 last[state.name] = clipped[-1]
                 size = np.maximum(np.abs(clipped).max(axis=0), 1e-6)
                 ends = sampled(phase_guess.values.get(state.name), state, np.array([0.0, 1.0]))
@@ -219,11 +219,6 @@ def _step(before: FloatArray, after: FloatArray, s: FloatArray) -> FloatArray:
 
 def _at_start(guess: Guess, variable: Variable) -> FloatArray:
     return sampled(guess.values.get(variable.name), variable, np.zeros(1))[0]
-
-
-def _along(table: FloatArray, s: FloatArray) -> FloatArray:
-    grid = np.linspace(0.0, 1.0, table.shape[0])
-    return np.column_stack([np.interp(s, grid, column) for column in table.T])
 
 
 RELATIVE_TOLERANCE, ABSOLUTE_TOLERANCE = 1e-6, 1e-10  # tolerances of the integrator

@@ -12,9 +12,8 @@ from functools import partial
 import casadi as ca
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.problem import Expressions, Phase, control_equations, parts_of, tied_controls
-from microbot_ocp.ocp.transcription import Guess, sampled
+from microbot_ocp.ocp.transcription import Guess, interpolate, sampled
 
 POINTS = 40  # points along a guess at which the equations are solved
 STEPS = 10  # Newton steps; equations that are linear in the control need one
@@ -47,9 +46,4 @@ def with_tied_controls(phase: Phase, guess: Guess) -> Guess:
         if not np.isfinite(now).all():
             return guess
         values |= parts_of(tied, now, axis=0)
-    return guess.with_values({c.name: partial(_along, share, values[c.name]) for c in tied})
-
-
-def _along(share: FloatArray, table: FloatArray, s: FloatArray) -> FloatArray:
-    """Return values [M, size] at fractions [M], interpolated between points."""
-    return np.column_stack([np.interp(s, share, row) for row in table])
+    return guess.with_values({c.name: partial(interpolate, values[c.name].T) for c in tied})

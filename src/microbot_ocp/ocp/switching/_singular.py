@@ -16,8 +16,9 @@ generalised Legendre-Clebsch condition) is ``B <= 0``: H. J. Kelley, R. E. Kopp 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -33,7 +34,7 @@ from microbot_ocp.ocp.solution import PhaseSolution, Solution, cost_size
 from microbot_ocp.ocp.solvers import SolveContext, SolverSettings
 from microbot_ocp.ocp.starts import guess_from, scaled
 from microbot_ocp.ocp.switching._cutter import HIGH_ORDER, LONGEST_ARC
-from microbot_ocp.ocp.transcription import Guess, MeshLike, Transcription
+from microbot_ocp.ocp.transcription import Guess, MeshLike, Transcription, interpolate
 from microbot_ocp.ocp.verification import costates_of, differentiate
 
 SETTINGS = SolverSettings("ipopt", tolerance=1e-12, gap=np.inf, max_iterations=60)
@@ -100,7 +101,7 @@ def costate_sample(solution: Solution) -> Sample:
         start += phase.duration
     t = np.concatenate(times)
     joint = {name: np.vstack(values) for name, values in tables.items()}
-    return lambda at: {name: _along(t, table)(at) for name, table in joint.items()}
+    return lambda at: {name: interpolate(table, at, t) for name, table in joint.items()}
 
 
 def solve_conditions(
@@ -381,8 +382,7 @@ class _FirstOrderConditions:
             steps = (running[1:] + running[:-1]) / 2 * np.diff(t)
             values[COST] = np.append(cost, cost + np.cumsum(steps))[:, None]
             cost = float(values[COST][-1, 0])
-            places = np.linspace(0.0, 1.0, t.size)
-            curves = {key: _along(places, table) for key, table in values.items()}
+            curves = {key: partial(interpolate, table) for key, table in values.items()}
             name = f"{self.plan.declared.name} {index + 1}"
             guesses[name] = Guess(float(t[-1] - t[0]), curves)
         return guesses
@@ -512,10 +512,6 @@ def _parts(variables: Sequence[Variable]) -> dict[str, slice]:
     edges = np.cumsum([0, *(v.size for v in variables)]).tolist()
     pairs = zip(variables, itertools.pairwise(edges), strict=True)
     return {v.name: slice(*ends) for v, ends in pairs}
-
-
-def _along(places: FloatArray, table: FloatArray) -> Callable[[FloatArray], FloatArray]:
-    return lambda s: np.stack([np.interp(s, places, column) for column in table.T], axis=1)
 
 
 def _at_bound(

@@ -39,6 +39,7 @@ from ._transcription import (
     MeshLike as MeshLike,
     Transcription as Transcription,
     guess_table as guess_table,
+    interpolate as interpolate,
     mesh_of as mesh_of,
     sampled as sampled,
 )

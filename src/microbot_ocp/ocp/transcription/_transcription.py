@@ -82,10 +82,13 @@ def sampled(value: GuessValue | None, variable: Variable, fractions: FloatArray)
     table = table[:, 0] if table.ndim == 3 else table
     if table.ndim != 2 or len(table) == 0 or table.shape[1] != variable.size:
         return np.zeros((fractions.size, variable.size))
-    if len(table) == fractions.size:
-        return np.array(table)
-    points = np.linspace(0.0, 1.0, len(table))
-    return np.column_stack([np.interp(fractions, points, column) for column in table.T])
+    return np.array(table) if len(table) == fractions.size else interpolate(table, fractions)
+
+
+def interpolate(table: FloatArray, s: FloatArray, places: FloatArray | None = None) -> FloatArray:
+    """Return a table [K, size] at fractions s [M], linear between its places, by default even."""
+    places = np.linspace(0.0, 1.0, len(table)) if places is None else places
+    return np.column_stack([np.interp(s, places, column) for column in table.T])
 
 
 def mesh_of(mesh: MeshLike) -> FloatArray:
