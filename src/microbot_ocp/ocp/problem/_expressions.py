@@ -52,19 +52,40 @@ class Expressions:
             run = expanded(run)
         return run
 
+    def with_slopes(
+        self, expression: ca.MX, by: ca.MX, count: int
+    ) -> Callable[[Sequence[FloatArray]], tuple[FloatArray, FloatArray]]:
+        """Return a function of the tables of M points that returns an expression and its slopes.
+
+        Its values are tables [M, rows] and [M, rows, columns]; ``count`` is M.
+        """
+        slopes = ca.densify(ca.jacobian(expression, by))
+        outputs = [ca.densify(expression), slopes]
+        run, (rows, columns) = ca.Function("look", self.symbols, outputs).map(count), slopes.shape
+
+        def looked(tables: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
+            values, blocks = (np.array(out) for out in run(*tables))
+            # The mapped function returns one block of columns per point.
+            return values.T, blocks.reshape(rows, count, columns).transpose(1, 0, 2)
+
+        return looked
+
     def tables(
         self,
         values: Mapping[str, FloatArray],
         t: FloatArray,
         duration: float | FloatArray,
         rates: Mapping[str, FloatArray] | None = None,
-        data: Sequence[FloatArray] = (),
+        data: Sequence[FloatArray] | None = None,
     ) -> list[FloatArray]:
         """Return values [size, M] of the inputs at times t [M] since the start of the phase.
 
-        Rates and variables without a given value are zero.
+        Rates and variables without a given value are zero; data without values take the measured
+        ones in turn.
         """
         phase, rates = self.phase, rates or {}
+        if data is None:
+            data = [m.value[np.arange(t.size) % len(m.value)].T for m in self.data]
         none = {v.name: np.zeros((v.size, t.size)) for v in phase.variables}
         moving = [values.get(v.name, none[v.name]) for v in phase.variables]
         moving += [rates.get(name, none[name]) for name in phase.rates]

@@ -39,16 +39,11 @@ def _followed(phase: Phase, guess: Guess) -> Guess:
     if not ca.depends_on(missed, symbols):
         return guess
     expressions = Expressions(phase, phase.measurements)
-    slopes = ca.densify(ca.jacobian(missed, symbols))
-    look = ca.Function("look", expressions.symbols, [ca.densify(missed), slopes]).map(POINTS)
-    data = [m.value[np.arange(POINTS) % len(m.value)].T for m in phase.measurements]
+    look = expressions.with_slopes(missed, symbols, POINTS)
 
     def looked(x: FloatArray) -> tuple[FloatArray, FloatArray]:
         values = {name: table.T for name, table in {**tables, **parts_of(free, x)}.items()}
-        rows, columns = missed.shape[0], x.shape[1]
-        results, table = look(*expressions.tables(values, duration * shares, duration, None, data))
-        blocks = np.array(table).reshape(rows, POINTS, columns).transpose(1, 0, 2)
-        return np.array(results).T, blocks
+        return look(expressions.tables(values, duration * shares, duration))
 
     scale, lower, upper = (
         np.concatenate([getattr(v, side) for v in free]) for side in ("scale", "lower", "upper")

@@ -308,8 +308,8 @@ class _SizeEstimate:
 
         The M points are the guess and random points within the sizes around it.
         """
-        random, phase = np.random.default_rng(0), self.phase
-        values, speeds, count = {}, {}, POINTS
+        random, phase, count = np.random.default_rng(0), self.phase, POINTS
+        values, speeds = {}, {}
         for v in self.variables:
             table, size = self.tables[v.name], np.nan_to_num(self.sizes[v.name])
             around = table + size * random.uniform(-1.0, 1.0, (count, v.size))
@@ -318,18 +318,11 @@ class _SizeEstimate:
         for control in self.rates:
             size = np.nan_to_num(self.sizes[control.name]) / self.duration
             speeds[control.name] = size[:, None] * random.uniform(-1.0, 1.0, (control.size, count))
-        data = [m.value[np.arange(count) % len(m.value)].T for m in phase.measurements]
         expressions = Expressions(phase, phase.measurements)
-        points = expressions.tables(values, self.duration * self.share, self.duration, speeds, data)
+        points = expressions.tables(values, self.duration * self.share, self.duration, speeds)
         moving = [v.symbol for v in self.variables]
         moving += phase.rates.values() if rates else ()
-        slopes = ca.densify(ca.jacobian(expression, ca.vertcat(*moving)))
-        outputs = [ca.densify(expression), slopes]
-        function = ca.Function("look", expressions.symbols, outputs).map(count)
-        rows, columns = slopes.shape
-        results, table = (np.array(out) for out in function(*points))
-        # The mapped function returns one block of columns per point.
-        return results.T, table.reshape(rows, count, columns).transpose(1, 0, 2)
+        return expressions.with_slopes(expression, ca.vertcat(*moving), count)(points)
 
 
 def _least_sizes(solution: Solution) -> dict[str, dict[str, FloatArray]]:

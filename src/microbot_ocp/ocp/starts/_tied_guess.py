@@ -37,11 +37,10 @@ def with_tied_controls(phase: Phase, guess: Guess) -> Guess:
     step = ca.solve(ca.jacobian(equations, unknown), equations)
     newton = ca.Function("newton", inputs.symbols, [ca.densify(step)]).map(POINTS)
     values = {v.name: sampled(guess.values.get(v.name), v, share).T for v in phase.variables}
-    data = [m.value[np.arange(POINTS) % len(m.value)].T for m in phase.measurements]
     low, high = (np.concatenate([getattr(c, side) for c in tied]) for side in ("lower", "upper"))
     now = np.concatenate([values[c.name] for c in tied])
     for _ in range(STEPS):
-        points = inputs.tables(values, duration * share, duration, None, data)
+        points = inputs.tables(values, duration * share, duration)
         now = np.clip(now - np.array(newton(*points)), low[:, None], high[:, None])
         if not np.isfinite(now).all():
             return guess
