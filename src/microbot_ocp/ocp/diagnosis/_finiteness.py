@@ -9,8 +9,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
-from microbot_ocp._base.threads import expanded
-from microbot_ocp.ocp.problem import Expressions, Phase
+from microbot_ocp.ocp.problem import Expressions, Phase, as_scalars, operations
 from microbot_ocp.ocp.solution import PhaseSolution, unpack
 from microbot_ocp.ocp.transcription import Program
 
@@ -236,48 +235,25 @@ def _cause(
     function: ca.Function, symbols: Sequence[tuple[str, ca.MX]], point: Sequence[FloatArray]
 ) -> str:
     """Return the first operation with finite operands and infinite result, and its variables."""
-    try:
-        scalar = expanded(function)
-    except RuntimeError:  # an interpolant or callback has no scalar graph
-        used = [
-            _entry(name, values, i)
-            for k, ((name, _), values) in enumerate(zip(symbols, point, strict=True))
-            for i in range(values.size)
-            if function.which_depends(function.name_in(k), function.name_out())[i]
-        ]
-        return "it depends on " + ", ".join(used)
-    work: dict[int, float] = {}
-    sources: dict[int, frozenset[tuple[int, int]]] = {}
-    for k in range(scalar.n_instructions()):
-        operation = scalar.instruction_id(k)
-        inputs, outputs = scalar.instruction_input(k), scalar.instruction_output(k)
-        if operation == ca.OP_INPUT:
-            work[outputs[0]] = float(point[inputs[0]][inputs[1]])
-            sources[outputs[0]] = frozenset({(inputs[0], inputs[1])})
-        elif operation == ca.OP_CONST:
-            work[outputs[0]] = scalar.instruction_constant(k)
-            sources[outputs[0]] = frozenset()
-        elif operation != ca.OP_OUTPUT:
-            a, b = (work[i] for i in (inputs[0], inputs[-1]))
-            value = _apply(operation, a, b)
-            behind = frozenset().union(*(sources[i] for i in inputs))
-            if not np.isfinite(value) and np.isfinite(a) and np.isfinite(b):
-                operand = _OPERATIONS.get(operation, lambda a, b: f"an operation on {a:.4g}")(a, b)
-                used = [_entry(symbols[i][0], point[i], j) for i, j in sorted(behind)]
-                divisor = sources[inputs[-1]] if operation in (ca.OP_DIV, ca.OP_INV) else ()
-                names = " and ".join(sorted({symbols[i][0] for i, _ in divisor}))
-                divides = f"; it divides by {names}" if names else ""
-                return operand + (f", from {', '.join(used)}" if used else "") + divides
-            work[outputs[0]], sources[outputs[0]] = value, behind
+    scalar = as_scalars(function)
+    entries = [  # input, index, name and text of every variable
+        (k, i, name, f"{name if values.size == 1 else f'{name}[{i}]'} = {values[i]:.4g}")
+        for k, ((name, _), values) in enumerate(zip(symbols, point, strict=True))
+        for i in range(values.size)
+    ]
+    if not scalar.is_a("SXFunction"):
+        depends = [function.which_depends(n, function.name_out()) for n in function.name_in()]
+        return "it depends on " + ", ".join(text for k, i, _, text in entries if depends[k][i])
+    given = [ca.SX.sym("given", values.size) for values in point]
+    steps = list(operations(scalar, given))
+    run = ca.Function("steps", given, [ca.vertcat(*terms) for _, *terms in steps])
+    for (operation, *operands, _), numbers in zip(steps, run.call(list(point)), strict=True):
+        a, b, value = numbers.full().ravel().tolist()
+        if np.isfinite([a, b]).all() and not np.isfinite(value):
+            both, divides = ca.vertcat(*operands), operation in (ca.OP_DIV, ca.OP_INV)
+            used = ", ".join(text for k, i, _, text in entries if ca.depends_on(both, given[k][i]))
+            below = {n for k, i, n, _ in entries if ca.depends_on(operands[-1], given[k][i])}
+            operand = _OPERATIONS.get(operation, lambda a, b: f"an operation on {a:.4g}")(a, b)
+            divisor = f"; it divides by {' and '.join(sorted(below))}" if divides and below else ""
+            return operand + (f", from {used}" if used else "") + divisor
     return "a parameter or variable is not finite"
-
-
-def _apply(operation: int, a: float, b: float) -> float:
-    x, y = ca.SX.sym("x"), ca.SX.sym("y")
-    result = ca.SX.binary(operation, x, y)  # unary operations ignore the second operand
-    return float(ca.Function("one", [x, y], [result])(a, b))
-
-
-def _entry(name: str, values: FloatArray, index: int) -> str:
-    label = name if values.size == 1 else f"{name}[{index}]"
-    return f"{label} = {values[index]:.4g}"

@@ -13,7 +13,7 @@ import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.status import Status
-from microbot_ocp.ocp.problem import Expressions
+from microbot_ocp.ocp.problem import Expressions, operations
 from microbot_ocp.ocp.solution import PhaseSolution, Solution
 
 ZERO = 1e-2  # size that counts as zero, relative to the largest one along the phase
@@ -102,19 +102,7 @@ def _roots(function: ca.Function) -> Iterator[ca.Function]:
     """Yield functions of the roots and absolute values in a function of one table."""
     if not function.is_a("SXFunction"):
         return
-    (given,) = function.sx_in()
-    work: dict[int, ca.SX] = {}
-    for k in range(function.n_instructions()):
-        operation, inputs = function.instruction_id(k), function.instruction_input(k)
-        outputs = function.instruction_output(k)
-        if operation == ca.OP_INPUT:
-            work[outputs[0]] = given[inputs[1]]
-        elif operation == ca.OP_CONST:
-            work[outputs[0]] = ca.SX(function.instruction_constant(k))
-        elif operation == ca.OP_CALL:  # an interpolant has no scalar graph
-            return
-        elif operation != ca.OP_OUTPUT:
-            value = ca.SX.binary(operation, work[inputs[0]], work[inputs[-1]])
-            work[outputs[0]] = value
-            if operation in (ca.OP_SQRT, ca.OP_FABS):
-                yield ca.Function("size", [given], [value])
+    given = function.sx_in()
+    for operation, _, _, value in operations(function, given):
+        if operation in (ca.OP_SQRT, ca.OP_FABS):
+            yield ca.Function("size", given, [value])

@@ -3,7 +3,9 @@
 from ._expressions import (
     Expressions as Expressions,
     PythonFunction as PythonFunction,
+    as_scalars as as_scalars,
     numeric_function as numeric_function,
+    operations as operations,
 )
 from ._items import (
     CONSTANTS as CONSTANTS,

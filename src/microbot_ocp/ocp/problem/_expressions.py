@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import casadi as ca
@@ -47,10 +46,7 @@ class Expressions:
     def function(self, expressions: Sequence[ca.MX]) -> ca.Function:
         """Return the expressions, stacked, as a function of the table of all inputs."""
         stacked = ca.densify(ca.vertcat(*expressions, ca.MX(0, 1)))
-        run = ca.Function("declared", [ca.vertcat(*self.symbols)], [stacked])
-        with suppress(RuntimeError):  # interpolants have no scalar graph
-            run = expanded(run)
-        return run
+        return as_scalars(ca.Function("declared", [ca.vertcat(*self.symbols)], [stacked]))
 
     def with_slopes(
         self, expression: ca.MX, by: ca.MX, count: int
@@ -95,6 +91,39 @@ class Expressions:
     def table(self, *values: Any, **more: Any) -> FloatArray:
         """Return the values of :meth:`tables`, stacked [inputs, M]."""
         return np.vstack(self.tables(*values, **more))
+
+
+def as_scalars(function: ca.Function) -> ca.Function:
+    """Return the function as one scalar graph, if its calls have scalar graphs."""
+    try:
+        return expanded(function)
+    except RuntimeError:  # interpolants, callbacks and compiled functions have no scalar graph
+        return function
+
+
+def operations(
+    function: ca.Function, inputs: Sequence[ca.SX]
+) -> Iterator[tuple[int, ca.SX, ca.SX, ca.SX]]:
+    """Yield the operations of a scalar graph with both operands and the value, for given inputs.
+
+    The operands of an operation on one number are equal.
+    """
+    work: dict[int, ca.SX] = {}
+    for k in range(function.n_instructions()):
+        operation, operands = function.instruction_id(k), function.instruction_input(k)
+        if operation == ca.OP_INPUT:
+            value = inputs[operands[0]][operands[1]]
+        elif operation == ca.OP_CONST:
+            value = ca.SX(function.instruction_constant(k))
+        elif operation == ca.OP_OUTPUT:
+            continue
+        elif operation == ca.OP_CALL:  # an interpolant has no scalar graph
+            return
+        else:
+            a, b = work[operands[0]], work[operands[-1]]
+            value = ca.SX.binary(operation, a, b)
+            yield operation, a, b, value
+        work[function.instruction_output(k)[0]] = value
 
 
 class PythonFunction(ca.Callback):

@@ -18,12 +18,13 @@ from numpy.typing import ArrayLike
 
 from microbot_ocp._base import deadline
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp._base.threads import expanded, makes_scalars
+from microbot_ocp._base.threads import makes_scalars
 from microbot_ocp.ocp.problem import (
     PathConstraint,
     Phase,
     PointConstraint,
     Variable,
+    as_scalars,
     node_variables,
 )
 from microbot_ocp.ocp.transcription._composition import (
@@ -157,7 +158,7 @@ def build_kernels(
         replace(kernel, rows=tuple(held.entries), fractions=at, data=data)
         for kernel, (_, held, at, data) in zip(kernels, parts, strict=True)
     )
-    return Kernels(first, tuple(points), _without_repeats(_expanded(dense)))
+    return Kernels(first, tuple(points), _without_repeats(as_scalars(dense)))
 
 
 def kernels_of(
@@ -165,7 +166,7 @@ def kernels_of(
     derive: Callable[[Sequence[ca.Function]], Sequence[ca.Function]],
 ) -> list[Kernel]:
     """Return kernels of functions ``(v, c) -> ..., cost``, derived from their scalar graphs."""
-    derived = derive([_expanded(function) for function in functions])
+    derived = derive([as_scalars(function) for function in functions])
     each = zip(derived[::3], derived[1::3], derived[2::3], functions, strict=True)
     return [
         Kernel(value, jacobian, hessian, light_cost(function))
@@ -180,7 +181,7 @@ def light_cost(function: ca.Function) -> ca.Function | None:
     None if the cost contains a heavy function.
     """
     given: Any = function.mx_in()
-    cost = _expanded(ca.Function("cost", given, function.call(given, True, False)[-1:]))
+    cost = as_scalars(ca.Function("cost", given, function.call(given, True, False)[-1:]))
     if not cost.is_a("SXFunction") or cost.n_instructions() >= HEAVY:
         return None
     v, c = cost.sx_in()
@@ -388,14 +389,6 @@ def _as_stage(point: ca.Function) -> ca.Function:
     """Return a point function in the form of a stage, with an empty next mesh point."""
     given: Any = point.mx_in()
     return ca.Function(point.name(), given, [ca.MX(0, 1), *point.call(given, True, False)])
-
-
-def _expanded(function: ca.Function) -> ca.Function:
-    """Return the function as one scalar graph, if its calls have scalar graphs."""
-    try:
-        return expanded(function)
-    except RuntimeError:  # interpolants and compiled functions have no scalar graph
-        return function
 
 
 @makes_scalars

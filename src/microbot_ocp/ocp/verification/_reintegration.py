@@ -7,7 +7,6 @@ every mesh point, so that a jump of the control there costs no accuracy.
 
 from __future__ import annotations
 
-import contextlib
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -18,9 +17,8 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.growth import carry, transition_matrices
 from microbot_ocp._base.quiet import quiet
 from microbot_ocp._base.status import Status
-from microbot_ocp._base.threads import expanded
 from microbot_ocp.ocp.diagnosis import singular
-from microbot_ocp.ocp.problem import Phase, Variable
+from microbot_ocp.ocp.problem import Phase, Variable, as_scalars
 from microbot_ocp.ocp.solution import PhaseSolution
 from microbot_ocp.ocp.transcription import PhaseLayout, StageKind
 from microbot_ocp.ocp.transcription.schemes import lagrange, within_bounds
@@ -227,9 +225,7 @@ def _equation(layout: PhaseLayout, cost: bool) -> _Equation:
     equations = ca.vertcat(*phase.algebraic_equations, ca.MX(0, 1))
     arguments = [x, z, *(symbol for symbol, _ in values_of)]
     running = sum(phase.running_costs, ca.MX(0)) if cost else ca.MX(0, 1)
-    physics = ca.Function("physics", arguments, [slope, equations, running])
-    with contextlib.suppress(RuntimeError):  # interpolants have no scalar graph
-        physics = expanded(physics)
+    physics = as_scalars(ca.Function("physics", arguments, [slope, equations, running]))
     scale = ca.DM(np.concatenate([v.scale for v in phase.states]))
     y, inner = ca.MX.sym("y", x.shape[0]), ca.MX.sym("z", z.shape[0])
     rate, residual, slope_of_cost = physics(y * scale, inner, *(value for _, value in values_of))
