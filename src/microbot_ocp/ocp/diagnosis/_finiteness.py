@@ -13,8 +13,9 @@ from microbot_ocp.ocp.problem import Expressions, Phase, as_scalars, operations
 from microbot_ocp.ocp.solution import PhaseSolution, unpack
 from microbot_ocp.ocp.transcription import Program
 
-PUSH = 1e-2  # distance by which solvers move a guess off its bounds, relative to bound or range
-START_OFFSET = 1e-2  # displacement of a start off kinks and symmetry, in units of the scales
+# Displacement of a start off kinks and symmetry, in units of the scales, and off its bounds as
+# solvers move it, relative to bound or range.
+START_OFFSET = 1e-2
 GOLDEN = (np.sqrt(5) - 1) / 2
 
 
@@ -137,7 +138,8 @@ def _inside(program: Program, x: FloatArray) -> FloatArray:
     width = np.where(np.isfinite(high - low), high - low, np.inf)
     with np.errstate(invalid="ignore"):
         below, above = (
-            np.minimum(PUSH * np.maximum(1.0, np.abs(bound)), PUSH * width) for bound in (low, high)
+            START_OFFSET * np.minimum(np.maximum(1.0, np.abs(bound)), width)
+            for bound in (low, high)
         )
         floor = np.where(np.isfinite(low), low + below, -np.inf)
         ceiling = np.where(np.isfinite(high), high - above, np.inf)

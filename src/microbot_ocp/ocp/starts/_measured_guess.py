@@ -141,6 +141,6 @@ def _misfits(phase: Phase, guess: Guess, points: Points, free: Mapping[str, ca.M
                 inputs[k] = ca.repmat(free[variable.name], 1, at.size)
         slope = ca.reshape(function.map(at.size)(*inputs)[i, :], NODES, steps.size)
         integral = ca.DM(weights[None] / 2) @ slope * ca.DM(steps * duration).T
-        size = max(float(np.abs(seen).max()), 1e-12)
+        size = float(np.abs(seen).max()) or 1.0
         rows.append((ca.DM(np.diff(seen)) - integral.T) / size)
     return rows

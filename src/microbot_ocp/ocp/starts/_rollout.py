@@ -20,7 +20,7 @@ COMBINED = 4  # components for which all combinations of two values are simulate
 EXPLODED = 1e4  # size of a state above which a simulation is rejected, relative to the usual guess
 MIDDLE = 50  # grid point at which controls change; both halves have as many steps
 
-FACTORS = 10.0 ** np.arange(-6.0, 9.5, 0.5)  # simulated durations relative to the usual ones
+FACTORS = np.logspace(-6, 9, 31)  # simulated durations relative to the usual ones
 POINTS = 2 * MIDDLE + 1  # grid points of every phase
 GRID = np.linspace(0.0, 1.0, POINTS)
 Ranges = Mapping[str, Mapping[str, Range]]

@@ -29,7 +29,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp.ocp.solution import PhaseSolution, Solution
 from microbot_ocp.ocp.transcription import PhaseLayout
 from microbot_ocp.ocp.transcription.schemes import Collocation
-from microbot_ocp.ocp.verification._certificate import Costates, Hamiltonian
+from microbot_ocp.ocp.verification._certificate import Costates, Hamiltonian, Thresholds
 from microbot_ocp.ocp.verification._conditions import Derivatives
 from microbot_ocp.ocp.verification._recomputation import Recomputation, parts_of
 
@@ -64,9 +64,6 @@ def _at_points(layout: PhaseLayout, scheme: Collocation, lam_g: FloatArray) -> F
     return -mu / (layout.node_scale[:size] * scheme.weights[:, None])
 
 
-INSIDE = 1e-6  # relative distance of a duration from its bounds that makes it free
-
-
 def hamiltonian_of(phase: PhaseSolution, part: Derivatives, lam_x: FloatArray) -> Hamiltonian:
     """Return the Hamiltonian of a phase and the mean that transversality requires."""
     layout = part.layout
@@ -81,7 +78,9 @@ def hamiltonian_of(phase: PhaseSolution, part: Derivatives, lam_x: FloatArray) -
     used = ca.vertcat(*along)
     price = -float(lam_x[layout.nodes[:, -1]].sum()) / layout.node_scale[-1]
     low, high = declared.duration_bounds
-    free = low < high and min(phase.duration - low, high - phase.duration) > INSIDE * phase.duration
+    # A bound may be missed by this much: a duration that is nearer is at it.
+    near = Thresholds.feasibility * phase.duration
+    free = low < high and min(phase.duration - low, high - phase.duration) > near
     points = (*declared.end_constraints, *declared.point_constraints, *declared.point_costs)
     constraints = [c.expression for c in points]
     apart = not ca.depends_on(ca.vertcat(used, *constraints), declared.duration)
@@ -98,7 +97,6 @@ def hamiltonian_of(phase: PhaseSolution, part: Derivatives, lam_x: FloatArray) -
 
 
 VALUES_TRIED = 9  # values of a control between its bounds, and quantiles of its own values
-ALLOWED_EXCESS = 1e-6  # excess of a constraint by another control, relative to its scale
 
 
 def better_controls(solution: Solution) -> tuple[float, dict[str, dict[str, FloatArray]]]:
@@ -144,7 +142,7 @@ def _of_phase(phase: PhaseSolution, multipliers: FloatArray) -> tuple[float, dic
         sums = slopes[-1] + np.einsum("ki,ik->k", costates, slopes[:-1])
         for limit in declared.constraints:
             values_there = at.expressions.function([limit.expression])(table).full()
-            room = ALLOWED_EXCESS * limit.scale[:, None]
+            room = Thresholds.feasibility * limit.scale[:, None]
             below, above = limit.lower[:, None] - room, limit.upper[:, None] + room
             broken = (values_there < below) | (values_there > above)
             sums = np.where(broken.any(axis=0), np.inf, sums)

@@ -385,7 +385,7 @@ def verify(
     point, pairs = judged.point, list(zip(judged.phases, judged.derivatives, strict=True))
     costates = tuple(costates_of(phase, part, point.lam_g) for phase, part in pairs)
     hamiltonians = tuple(hamiltonian_of(phase, part, point.lam_x) for phase, part in pairs)
-    worth = WORTHLESS * max(abs(solution.cost), 1e-6)
+    worth = WORTHLESS * cost_size(solution.cost, solution.cost_scale)
     arcs = tuple(arcs_of(judged.dense, point, worth))
     failures = [failure.sentence for failure in judged.failures]
     coarse = any(failure.status is Status.TOO_COARSE for failure in judged.failures)
@@ -417,7 +417,8 @@ def _summary(
     """Return the sentences of the verdict on a solution that passed."""
     optimality = judged.optimality
     worst = max((use.relative for use in judged.limits), default=0.0)
-    limits_kept = "is kept" if worst <= 1e-6 else f"is kept to within {100 * worst:.2g} %"
+    kept = worst <= judged.passes.feasibility
+    limits_kept = "is kept" if kept else f"is kept to within {100 * worst:.2g} %"
     growth = growth_said(max(check.amplification for check in judged.resimulations))
     error = max(check.error for check in judged.resimulations)
     sentences = [

@@ -261,7 +261,7 @@ def _joined_runs(dense: DensePhase, active: np.ndarray) -> list[tuple[int, int]]
         begin, end = joined[-1] if joined else (0, 0)
         if not acts:
             continue
-        if joined and dense.t[first] - dense.t[end] < (1 - 1e-6) * steps[dense.interval[end]]:
+        if joined and dense.t[first] - dense.t[end] < (1 - ROUNDING) * steps[dense.interval[end]]:
             joined[-1] = (begin, after - 1)
         else:
             joined.append((first, after - 1))

@@ -158,10 +158,8 @@ def _quadrature(points: Sequence[float]) -> FloatArray:
 
 def _interpolate(points: Sequence[float], values: Sequence[ca.MX], s: Fraction) -> ca.MX:
     """Return the Lagrange interpolation at s."""
-    if isinstance(s, float):
-        for point, value in zip(points, values, strict=True):
-            if abs(point - s) < 1e-12:
-                return value
+    if isinstance(s, float) and s in points:
+        return values[points.index(s)]
     pairs = zip(lagrange(points, s), values, strict=True)
     return sum((weight * value for weight, value in pairs), ca.MX(0))
 

@@ -108,8 +108,9 @@ class IntegratorShooting:
     @property
     def _options(self) -> dict[str, Any]:
         # The steps control the error of the running cost only with quad_err_con.
-        tolerant = {"abstol": 1e-10, "reltol": 1e-10, "quad_err_con": True}
-        tolerant |= {"disable_internal_warnings": True, "show_eval_warnings": False}
+        tolerant: dict[str, Any] = dict.fromkeys(("abstol", "reltol"), 1e-10)
+        tolerant |= {"quad_err_con": True, "disable_internal_warnings": True}
+        tolerant |= {"show_eval_warnings": False}
         return {**(tolerant if self.integrator in _ADAPTIVE else {}), **self.options}
 
     def variables(self, phase: Phase) -> tuple[StageVariable, ...]:
