@@ -18,9 +18,9 @@ from microbot_ocp._base.growth import carry, transition_matrices
 from microbot_ocp._base.quiet import quiet
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis import singular
-from microbot_ocp.ocp.problem import Phase, Variable, as_scalars
+from microbot_ocp.ocp.problem import Variable, as_scalars
 from microbot_ocp.ocp.solution import PhaseSolution
-from microbot_ocp.ocp.transcription import PhaseLayout, StageKind
+from microbot_ocp.ocp.transcription import StageKind
 from microbot_ocp.ocp.transcription.schemes import lagrange, within_bounds
 from microbot_ocp.ocp.verification._certificate import ResimulationCheck
 
@@ -66,14 +66,13 @@ def each_interval(phase: PhaseSolution, *, until: float = 1.0, cost: bool = Fals
     One call of a mapped integrator covers all intervals. The running cost is integrated if ``cost``
     is True.
     """
-    start, layout, failure = mesh_states(phase)[:-1], phase.laid_out, ""
-    data = _interval_data(phase, until)
+    start, failure = mesh_states(phase)[:-1], ""
     # Adams' method needs no Jacobian and takes longer steps; BDF follows for stiff dynamics.
-    for method in ("idas",) if layout.phase.algebraics else ("adams", "bdf"):
+    for method in ("idas",) if phase.laid_out.phase.algebraics else ("adams", "bdf"):
         try:
             with quiet():  # CasADi prints all inputs of a failed call; its message suffices
-                run = _integrator(layout, method, cost).map(layout.intervals)
-                states, summed = run(start.T, data.T)
+                run, data = _integrator(phase, method, until, cost)
+                states, summed = run.map(len(start))(start.T, data.T)
         except RuntimeError as problem:
             failure = singular(phase) or _why(problem)
             continue
@@ -99,22 +98,18 @@ def transitions(phase: PhaseSolution) -> FloatArray:
 
     The dynamics are linearised at the midpoint of each interval.
     """
-    layout, weights = phase.laid_out, state_weights(phase)
-    states = mesh_states(phase)
+    states, weights = mesh_states(phase), state_weights(phase)
     middles = 0.5 * (states[:-1] + states[1:])
-    linear = _linearised(layout).map(layout.intervals)(middles.T, _interval_data(phase).T)
-    slopes = linear.full().T.reshape(layout.intervals, weights.size, -1).transpose(0, 2, 1)
+    run, data = _linearised(phase)
+    linear = run.map(len(middles))(middles.T, data.T)
+    slopes = linear.full().T.reshape(len(middles), weights.size, -1).transpose(0, 2, 1)
     slopes = np.nan_to_num(slopes) * (weights[None, None, :] / weights[None, :, None])
-    return transition_matrices(slopes, np.ones(layout.intervals))
+    return transition_matrices(slopes, np.ones(len(middles)))
 
 
 def _why(problem: RuntimeError) -> str:
     lines = [line for line in str(problem).strip().split("\n") if line.strip()]
     return f"the integrator failed: {lines[-1].strip() if lines else 'no reason given'}"
-
-
-def _of_shape(phase: Phase, shape: str) -> list[Variable]:
-    return [control for control in phase.controls if control.shape == shape]
 
 
 def points_of(kind: StageKind, variable: Variable) -> list[float]:
@@ -127,124 +122,106 @@ def point_values(phase: PhaseSolution, variable: Variable) -> FloatArray:
     return phase.values[variable.name].reshape(phase.mesh.size - 1, -1, variable.size)
 
 
-def _interval_data(phase: PhaseSolution, until: float = 1.0) -> FloatArray:
-    """Return the integrator's data of every interval [N, ...], in the order of its parameters."""
-    layout = phase.laid_out
-    declared, n = layout.phase, layout.intervals
-    linear = [phase.values[v.name] for v in _of_shape(declared, "linear")]
-    polynomial = [
-        within_bounds(point_values(phase, v), points_of(layout.kind, v), v.lower, v.upper)
-        for v in _of_shape(declared, "polynomial")
-    ]
-    algebraic = [point_values(phase, v)[:, 0] for v in declared.algebraics]  # initial guess
-    columns = [
-        phase.t[:-1, None],
-        np.diff(phase.t)[:, None],
-        np.full((n, 1), phase.duration),
-        np.full((n, 1), until),
-        *(np.tile(p.value, (n, 1)) for p in declared.parameters),
-        *(phase.values[v.name] for v in _of_shape(declared, "constant")),
-        *(values[:-1] for values in linear),
-        *(values[1:] for values in linear),
-        *(values.reshape(n, -1) for values in polynomial),
-        *(phase.values[v.name][:-1] for v in declared.free_parameters),
-        *algebraic,
-    ]
-    return np.hstack(columns)
-
-
 class _Equation(NamedTuple):
     """The dynamics on an interval, as a function of the fraction of it that has passed.
 
-    ``dae`` is CasADi's dictionary of a DAE in states divided by their scales, so that one absolute
-    tolerance fits all. Its parameters are the data of the interval; ``guesses`` are the part of
-    the data with initial guesses of the algebraic variables.
+    Attributes
+    ----------
+    dae : dict
+        CasADi's dictionary of a DAE in states divided by their scales, so that one absolute
+        tolerance fits all. Its parameters are the data of the interval.
+    data : array [N, ...]
+        Data of every interval.
+    guesses : MX
+        Part of the parameters with initial guesses of the algebraic variables.
+    scale : DM
     """
 
     dae: dict[str, Any]
+    data: FloatArray
     guesses: ca.MX
     scale: ca.DM
 
 
-class _IntervalData(NamedTuple):
-    """Data of an interval as one vector, and the values of a phase's symbols from them.
+class _Inputs:
+    """Data of every interval, and the values of the phase's symbols in terms of them.
 
     Attributes
     ----------
-    data : MX
-    length, until : MX
-        Duration of the interval, s, and the share of it that is integrated.
-    values : list of (symbol, value)
-        Values at the fraction ``s`` of the interval.
-    guesses : MX
-        Part of the data with initial guesses of the algebraic variables.
+    tables, symbols : data [N, size] of all intervals, and symbols for those of one
+    values : pairs of a symbol of the phase and its value at a fraction ``s`` of the interval
     """
 
-    data: ca.MX
-    length: ca.MX
-    until: ca.MX
-    values: list[tuple[ca.MX, ca.MX]]
-    guesses: ca.MX
+    def __init__(self, phase: PhaseSolution, s: ca.MX) -> None:
+        layout = phase.laid_out
+        declared, self.count = layout.phase, layout.intervals
+        self.tables: list[FloatArray] = []
+        self.symbols: list[ca.MX] = []
+        start, self.length = self.given(phase.t[:-1, None]), self.given(np.diff(phase.t)[:, None])
+        self.values = [(p.symbol, self.given(p.value)) for p in declared.parameters]
+        for v in declared.controls:
+            table = phase.values[v.name]
+            if v.shape == "constant":
+                self.values.append((v.symbol, self.given(table)))
+            elif v.rate is not None:
+                begin, end = self.given(table[:-1]), self.given(table[1:])
+                self.values.append((v.symbol, begin + s * (end - begin)))
+                self.values.append((v.rate, (end - begin) / self.length))
+            else:
+                places = points_of(layout.kind, v)
+                table = within_bounds(point_values(phase, v), places, v.lower, v.upper)
+                flat = self.given(table.reshape(self.count, -1))
+                weights = ca.vertcat(*lagrange(places, s))
+                self.values.append((v.symbol, ca.reshape(flat, v.size, len(places)) @ weights))
+        for v in declared.free_parameters:
+            self.values.append((v.symbol, self.given(phase.values[v.name][:-1])))
+        self.values.append((declared.time, start + s * self.length))
+        self.values.append((declared.duration, self.given(np.array([phase.duration]))))
+
+    def given(self, table: FloatArray) -> ca.MX:
+        """Add data [N, size], or [size] for all intervals, and return their symbol."""
+        self.tables.append(np.broadcast_to(table, (self.count, table.shape[-1])))
+        self.symbols.append(ca.MX.sym("given", table.shape[-1]))
+        return self.symbols[-1]
 
 
-def _data_and_values(layout: PhaseLayout, share: ca.MX) -> _IntervalData:
-    """Return the data of an interval, and values at a share of the part that is integrated."""
-    phase = layout.phase
-    shapes = ("constant", "linear", "polynomial")
-    constant, linear, polynomial = (_of_shape(phase, shape) for shape in shapes)
-    points = [points_of(layout.kind, v) for v in polynomial]
-    sizes = [1, 1, 1, 1, *(p.value.size for p in phase.parameters)]
-    sizes += [v.size for v in (*constant, *linear, *linear)]
-    sizes += [v.size * len(places) for v, places in zip(polynomial, points, strict=True)]
-    sizes += [v.size for v in (*phase.free_parameters, *phase.algebraics)]
-    data = ca.MX.sym("data", sum(sizes))
-    parts = iter(ca.vertsplit(data, np.cumsum([0, *sizes]).tolist()))  # in the order of ``sizes``
-    start, length, duration, until = (next(parts) for _ in range(4))
-    s = share * until
-    values_of = [(v.symbol, next(parts)) for v in (*phase.parameters, *constant)]
-    begins, ends = [next(parts) for _ in linear], [next(parts) for _ in linear]
-    for variable, begin, end in zip(linear, begins, ends, strict=True):
-        assert variable.rate is not None
-        values_of.append((variable.symbol, begin + s * (end - begin)))
-        values_of.append((variable.rate, (end - begin) / length))
-    for variable, places in zip(polynomial, points, strict=True):
-        values = ca.reshape(next(parts), variable.size, len(places))
-        values_of.append((variable.symbol, values @ ca.vertcat(*lagrange(places, s))))
-    values_of += [(v.symbol, next(parts)) for v in phase.free_parameters]
-    values_of += [(phase.time, start + s * length), (phase.duration, duration)]
-    return _IntervalData(data, length, until, values_of, ca.vertcat(*parts, ca.MX(0, 1)))
-
-
-def _equation(layout: PhaseLayout, cost: bool) -> _Equation:
-    phase, share = layout.phase, ca.MX.sym("s")
-    data, length, until, values_of, guesses = _data_and_values(layout, share)
+def _equation(solved: PhaseSolution, cost: bool, until: float = 1.0) -> _Equation:
+    phase, share = solved.laid_out.phase, ca.MX.sym("s")
+    inputs = _Inputs(solved, share * until)
+    guesses = [inputs.given(point_values(solved, v)[:, 0]) for v in phase.algebraics]
     # Scaled states y = x / scale over the fraction s: dy/ds = until * length * f(x, z, u) / scale.
     x = ca.vertcat(*(v.symbol for v in phase.states))
     z = ca.vertcat(*(v.symbol for v in phase.algebraics), ca.MX(0, 1))
     slope = ca.vertcat(*(phase.derivatives[v.name] for v in phase.states))
     equations = ca.vertcat(*phase.algebraic_equations, ca.MX(0, 1))
-    arguments = [x, z, *(symbol for symbol, _ in values_of)]
+    arguments = [x, z, *(symbol for symbol, _ in inputs.values)]
     running = sum(phase.running_costs, ca.MX(0)) if cost else ca.MX(0, 1)
     physics = as_scalars(ca.Function("physics", arguments, [slope, equations, running]))
     scale = ca.DM(np.concatenate([v.scale for v in phase.states]))
     y, inner = ca.MX.sym("y", x.shape[0]), ca.MX.sym("z", z.shape[0])
-    rate, residual, slope_of_cost = physics(y * scale, inner, *(value for _, value in values_of))
-    reach = until * length
+    values = [value for _, value in inputs.values]
+    rate, residual, slope_of_cost = physics(y * scale, inner, *values)
+    reach, data = until * inputs.length, ca.vertcat(*inputs.symbols)
     dae: dict[str, Any] = {"t": share, "x": y, "p": data, "ode": reach * rate / scale}
     if cost:
         dae["quad"] = reach * slope_of_cost
     if phase.algebraics:
         dae["z"], dae["alg"] = inner, residual
-    return _Equation(dae, guesses, scale)
+    return _Equation(dae, np.hstack(inputs.tables), ca.vertcat(*guesses, ca.MX(0, 1)), scale)
 
 
 INTEGRATION_TOLERANCE = 1e-11  # absolute tolerance of the scaled states, and relative tolerance
 MOST_STEPS = 20_000  # steps of the integrator in an interval
 
 
-def _integrator(layout: PhaseLayout, method: str, cost: bool) -> ca.Function:
-    """Return the function ``(x at the start, data) -> (x at the end, running cost integral)``."""
-    dae, guesses, scale = _equation(layout, cost)
+def _integrator(
+    phase: PhaseSolution, method: str, until: float, cost: bool
+) -> tuple[ca.Function, FloatArray]:
+    """Return a function of an interval, and the data of every interval [N, ...].
+
+    The function is ``(x at the start, data) -> (x at the end, running cost integral)``.
+    """
+    dae, data, guesses, scale = _equation(phase, cost, until)
     options: dict[str, Any] = {
         "abstol": INTEGRATION_TOLERANCE,
         "reltol": INTEGRATION_TOLERANCE,
@@ -260,12 +237,13 @@ def _integrator(layout: PhaseLayout, method: str, cost: bool) -> ca.Function:
     solver = ca.integrator("interval", plugin, dae, 0.0, 1.0, options)
     first = ca.MX.sym("x0", scale.shape[0])
     result = solver(x0=first / scale, p=dae["p"], z0=guesses)
-    return ca.Function("of_interval", [first, dae["p"]], [result["xf"] * scale, result["qf"]])
+    outputs = [result["xf"] * scale, result["qf"]]
+    return ca.Function("of_interval", [first, dae["p"]], outputs), data
 
 
-def _linearised(layout: PhaseLayout) -> ca.Function:
-    """Return the function ``(x at the midpoint, data) -> derivatives [n,n]`` of the dynamics."""
-    dae, guesses, scale = _equation(layout, cost=False)
+def _linearised(phase: PhaseSolution) -> tuple[ca.Function, FloatArray]:
+    """Return the function ``(x at the midpoint, data) -> derivatives [n,n]``, and the data."""
+    dae, data, guesses, scale = _equation(phase, cost=False)
     slopes, first = ca.jacobian(dae["ode"], dae["x"]), ca.MX.sym("x0", scale.shape[0])
     replaced, values = [dae["t"], dae["x"]], [ca.MX(0.5), first / scale]
     if "z" in dae:
@@ -276,7 +254,7 @@ def _linearised(layout: PhaseLayout) -> ca.Function:
         replaced, values = [*replaced, dae["z"]], [*values, guesses]
     (at,) = ca.graph_substitute([ca.densify(slopes)], replaced, values)
     at = ca.diag(scale) @ at @ ca.diag(1 / scale)
-    return ca.Function("of_interval", [first, dae["p"]], [ca.vec(ca.densify(at))])
+    return ca.Function("of_interval", [first, dae["p"]], [ca.vec(ca.densify(at))]), data
 
 
 def resimulate(phase: PhaseSolution, intervals: Integrated) -> ResimulationCheck:
