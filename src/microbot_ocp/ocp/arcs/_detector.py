@@ -242,14 +242,11 @@ AT_STATE_LIMIT = 3e-3  # distance of a state from an active limit, by its range 
 def _state_limits(phase: PhaseSolution, declared: Phase) -> list[Activity]:
     """Return activities of limits of the states, active in an interval with both ends at them."""
     others = Expressions(declared).symbols[len(declared.states) :]  # the states come first
-    constraints = [
-        PathConstraint(s.name, s.symbol, s.lower, s.upper, s.scale, s.unit) for s in declared.states
-    ]
-    constraints += [c for c in declared.constraints if not _depends(c, others)]
+    of_states = (c for c in declared.constraints if not _depends(c, others))
     states = [s for s in declared.states if s.name in phase.values]
     activities = []
-    for constraint in constraints:
-        for i in range(constraint.lower.size):
+    for constraint in (*declared.states, *of_states):
+        for i in range(constraint.size):
             limit = ActiveLimit(constraint, i, mixed=False)
             values = limit.along(phase.values, states)
             near = AT_STATE_LIMIT * float(np.ptp(values))

@@ -137,10 +137,11 @@ def copied(phase: Phase, name: str, linked: Sequence[str]) -> Phase:
         symbol = ca.MX.sym(f"{name}.{label}", item.symbol.shape[0])
         old.append(item.symbol)
         new.append(symbol)
-        changes: dict[str, Any] = {"name": label, "symbol": symbol}
-        if getattr(item, "rate", None) is not None:
+        own = "expression" if isinstance(item, Variable) else "symbol"
+        changes: dict[str, Any] = {"name": label, own: symbol}
+        if (rate := getattr(item, "rate", None)) is not None:
             changes["rate"] = ca.MX.sym(f"{name}.{label}.rate", item.size)
-            old.append(item.rate)
+            old.append(rate)
             new.append(changes["rate"])
         if item.name in linked:
             changes["initial"] = None
@@ -159,7 +160,7 @@ def copied(phase: Phase, name: str, linked: Sequence[str]) -> Phase:
         items = [replace(k, expression=renewed(k.expression)) for k in getattr(phase, kind)]
         setattr(duplicate, kind, items)
     duplicate.point_constraints = [
-        replace(k, defines=k.defines.replace(repr(phase.name), repr(name)), name=k.name)
+        replace(k, defines=k.defines.replace(repr(phase.name), repr(name)))
         for k in duplicate.point_constraints
     ]
     return duplicate

@@ -24,30 +24,6 @@ Bound = ArrayLike | ca.MX | tuple[ArrayLike | ca.MX, ArrayLike | ca.MX] | None
 
 
 @dataclass(frozen=True, eq=False)
-class Variable(Portable):
-    """A state, control or free parameter of a phase, with bounds [size] in its own unit."""
-
-    name: str
-    symbol: ca.MX
-    lower: FloatArray
-    upper: FloatArray
-    initial: Range | None
-    final: Range | None
-    scale: FloatArray
-    unit: str
-    shape: str  # "state", "auto", "constant", "linear", "polynomial", "algebraic", "parameter"
-    interior_points: bool = False
-    rate: ca.MX | None = None
-    scaled: bool = True  # True if the scale was declared
-    columns: int = 1  # columns of the matrix whose entries are the components, column by column
-
-    @property
-    def size(self) -> int:
-        """Number of components."""
-        return self.symbol.shape[0]
-
-
-@dataclass(frozen=True, eq=False)
 class PathConstraint(Portable):
     """``lower <= expression <= upper`` along a phase, or at its end."""
 
@@ -59,6 +35,28 @@ class PathConstraint(Portable):
     unit: str
     scaled: bool = True  # True if the scale was declared
     interior_points: bool = True  # True if the limit also holds inside the intervals
+
+    @property
+    def size(self) -> int:
+        """Number of components."""
+        return self.expression.shape[0]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Variable(PathConstraint):
+    """A state, control or free parameter of a phase: a limit whose expression is its symbol."""
+
+    shape: str  # "state", "auto", "constant", "linear", "polynomial", "algebraic", "parameter"
+    initial: Range | None = None
+    final: Range | None = None
+    interior_points: bool = False
+    rate: ca.MX | None = None
+    columns: int = 1  # columns of the matrix whose entries are the components, column by column
+
+    @property
+    def symbol(self) -> ca.MX:
+        """Symbol [size] of the variable in expressions."""
+        return self.expression
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -205,23 +203,18 @@ def variable_of(
 
     Conditions with expressions are left to point constraints.
     """
-    name, symbol, unit = limit.name, limit.expression, limit.unit
-    size, ends = symbol.shape[0], []
+    size, ends = limit.expression.shape[0], {}
     for where, given in (("initial", initial), ("final", final)):
-        end = condition(f"{where} {name}", given, size, unit)
-        ends.append(end)
+        label = f"{where} {limit.name}"
+        end = ends[where] = condition(label, given, size, limit.unit)
         if end is not None and np.any(outside := (end[0] > limit.upper) | (end[1] < limit.lower)):
             i = int(np.argmax(outside))
             value = end[0][i] if end[0][i] > limit.upper[i] else end[1][i]
-            raise InputError(
-                f"{where} {name} must be within its bounds, {limit.lower[i]:g} to "
-                f"{limit.upper[i]:g} {unit}".rstrip()
-                + f", not {value:g}"
-            )
-    rate = ca.MX.sym(f"{symbol.name()}.rate", size) if shape == "linear" else None
-    more: dict[str, Any] = {"rate": rate, "scaled": limit.scaled, "columns": columns}
-    low, high, scale = limit.lower, limit.upper, limit.scale
-    return Variable(name, symbol, low, high, ends[0], ends[1], scale, unit, shape, **more)
+            bounds = f"{limit.lower[i]:g} to {limit.upper[i]:g} {limit.unit}".rstrip()
+            raise InputError(f"{label} must be within its bounds, {bounds}, not {value:g}")
+    rate = ca.MX.sym(f"{limit.expression.name()}.rate", size) if shape == "linear" else None
+    given = {**vars(limit), **ends, "interior_points": False}
+    return Variable(**given, shape=shape, rate=rate, columns=columns)
 
 
 def converted(value: Any) -> ca.MX:

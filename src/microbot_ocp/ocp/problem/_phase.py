@@ -579,7 +579,7 @@ class Phase(Hinting, Portable):
         return [replace(k, expression=owned(self, k.expression, at)) for k in limits]
 
     def _refuse_second(
-        self, label: str, name: str, *lists: Sequence[Parameter | Variable | PathConstraint]
+        self, label: str, name: str, *lists: Sequence[Parameter | PathConstraint]
     ) -> None:
         if any(item.name == name for items in lists for item in items):
             raise InputError(f"{label} is declared twice in phase {self.name!r}")
@@ -625,7 +625,7 @@ class Phase(Hinting, Portable):
         return shaped
 
 
-def _named(item: Variable | Parameter | PathConstraint) -> str:
+def _named(item: Parameter | PathConstraint) -> str:
     """Return the name, followed by the size of a vector or matrix."""
     size = (item.expression if isinstance(item, PathConstraint) else item.symbol).numel()
     if isinstance(item, Variable) and item.columns > 1:

@@ -531,10 +531,10 @@ def with_values(phase: Phase, values: Mapping[str, ArrayLike]) -> Phase:
 
 
 def parts_of(
-    items: Sequence[Variable | PathConstraint], table: FloatArray, axis: int = -1
+    items: Sequence[PathConstraint], table: FloatArray, axis: int = -1
 ) -> dict[str, FloatArray]:
     """Split a table by item along an axis, and return the parts by item name; a rest is dropped."""
-    parts = np.split(table, np.cumsum([item.scale.size for item in items]), axis)
+    parts = np.split(table, np.cumsum([item.size for item in items]), axis)
     return {item.name: part for item, part in zip(items, parts[:-1], strict=True)}
 
 

@@ -56,9 +56,7 @@ def with_problem_data(phase: Phase, data: Mapping[str, Any]) -> Phase:
     changed = copy.copy(phase)
     for kind in (*VARIABLES, *LIMITS):
         declared, given = getattr(phase, kind), data.get(kind, [])
-        same = [(v.name, v.scale.size) for v in declared] == [
-            (g["name"], len(g["scale"])) for g in given
-        ]
+        same = [(v.name, v.size) for v in declared] == [(g["name"], len(g["scale"])) for g in given]
         if not same:
             raise InputError(
                 f"phase {phase.name!r} of the solution has other variables or constraints: "
@@ -85,7 +83,7 @@ def with_problem_data(phase: Phase, data: Mapping[str, Any]) -> Phase:
     return changed
 
 
-def _plain(item: PathConstraint | Variable) -> dict[str, Any]:
+def _plain(item: PathConstraint) -> dict[str, Any]:
     plain = {"name": item.name, **{side: getattr(item, side).tolist() for side in SIDES}}
     if isinstance(item, Variable):
         plain["shape"] = item.shape

@@ -299,7 +299,7 @@ def _clock(phase: Phase, duration: float) -> Variable:
     while name in {v.name for v in phase.variables}:
         name += "'"
     free, symbol = np.full(1, np.inf), ca.MX.sym(f"{phase.name}.{name}")
-    return Variable(name, symbol, -free, free, None, None, np.array([duration]), "s", "state")
+    return Variable(name, symbol, -free, free, np.array([duration]), "s", shape="state")
 
 
 def _inside(variable: Variable, first: bool, last: bool) -> Variable:

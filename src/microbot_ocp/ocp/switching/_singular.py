@@ -29,7 +29,7 @@ from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.arcs import ArcPlan, PlannedArc, Sample, joined
 from microbot_ocp.ocp.mesh import divide_phase, state_errors
-from microbot_ocp.ocp.problem import OptimalControlProblem, PathConstraint, Phase, Variable
+from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Variable
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, cost_size
 from microbot_ocp.ocp.solvers import SolveContext, SolverSettings
 from microbot_ocp.ocp.starts import guess_from, scaled
@@ -484,8 +484,8 @@ class _FirstOrderConditions:
         limits = [*phase.states, *phase.controls, *phase.constraints]
         x, _, u, time = self.arguments
         # The boundary value problem contains no limits, so they are checked afterwards.
-        expressions = [k.expression if isinstance(k, PathConstraint) else k.symbol for k in limits]
-        expressions = [ca.densify(e) for e in self.declared(expressions, x, u, time)]
+        expressions = self.declared([k.expression for k in limits], x, u, time)
+        expressions = [ca.densify(e) for e in expressions]
         run = ca.Function("limited", self.arguments, expressions)
         of_arcs = [_values(run, *table) for table in tables]
         for limit, *arcs in zip(limits, *of_arcs, strict=True):

@@ -35,7 +35,7 @@ from microbot_ocp.ocp.transcription._composition import (
     composed_derivatives,
     divided,
 )
-from microbot_ocp.ocp.transcription._table import Item, TableEntry, entries_of
+from microbot_ocp.ocp.transcription._table import TableEntry, entries_of
 from microbot_ocp.ocp.transcription.schemes import (
     Interval,
     IntervalStep,
@@ -197,7 +197,9 @@ class _Rows:
         self.values: list[ca.MX] = []
         self.entries: list[TableEntry] = []
 
-    def add(self, kind: str, items: Sequence[Item], value: ca.MX, fraction: float = 0.0) -> None:
+    def add(
+        self, kind: str, items: Sequence[PathConstraint], value: ca.MX, fraction: float = 0.0
+    ) -> None:
         """Add values of variables or constraints, stacked, divided by their scales."""
         self.values.append(value / np.concatenate([item.scale for item in items]))
         for item in items:

@@ -12,10 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray
-from microbot_ocp.ocp.problem import LIMITS, VARIABLES, PathConstraint, Phase, Variable
+from microbot_ocp.ocp.problem import LIMITS, VARIABLES, PathConstraint, Phase
 
 IntArray = np.ndarray
-Item = Variable | PathConstraint
 DURATION = "duration"
 EQUATIONS = ("step", "defect", "equation", "link", "value")
 """Kinds of rows that are zero; other rows have declared limits."""
@@ -130,15 +129,16 @@ class Block:
     factors: FloatArray | None = None
 
 
-def entries_of(phase: Phase, kind: str, item: Item, fraction: float = 0.0) -> list[TableEntry]:
+def entries_of(
+    phase: Phase, kind: str, item: PathConstraint, fraction: float = 0.0
+) -> list[TableEntry]:
     """Return one entry per component of a variable or constraint of a phase."""
     source = next(
         (name, items.index(item)) for name in _LISTS if item in (items := getattr(phase, name))
     )
-    size = item.scale.size
     return [
-        TableEntry(kind, source, item.name, i, size, fraction, item.unit, float(item.scale[i]))
-        for i in range(size)
+        TableEntry(kind, source, item.name, i, item.size, fraction, item.unit, float(item.scale[i]))
+        for i in range(item.size)
     ]
 
 
@@ -156,7 +156,7 @@ def limits_of(phase: Phase, entries: Sequence[TableEntry]) -> tuple[FloatArray, 
     return low, high
 
 
-def _item(phase: Phase, entry: TableEntry) -> Item | None:
+def _item(phase: Phase, entry: TableEntry) -> PathConstraint | None:
     if entry.source is None:
         return None
     name, position = entry.source

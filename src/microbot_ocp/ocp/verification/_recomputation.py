@@ -177,10 +177,10 @@ def check_cost(
 
 
 def parts_of(
-    items: Sequence[Variable | PathConstraint], table: FloatArray, axis: int = -1
+    items: Sequence[PathConstraint], table: FloatArray, axis: int = -1
 ) -> dict[str, FloatArray]:
     """Split a table by item along an axis, and return the parts by item name."""
-    parts = np.split(table, np.cumsum([item.scale.size for item in items])[:-1], axis)
+    parts = np.split(table, np.cumsum([item.size for item in items])[:-1], axis)
     return {item.name: part for item, part in zip(items, parts, strict=bool(items))}
 
 
@@ -205,7 +205,7 @@ class _Declared(Expressions):
         phase = self.phase
         names = [("constraints", i) for i in range(len(phase.constraints))]
         names += [("end_constraints", i) for i in range(len(phase.end_constraints))]
-        sizes = [k.scale.size for k in (*phase.constraints, *phase.end_constraints)]
+        sizes = [k.size for k in (*phase.constraints, *phase.end_constraints)]
         parts = np.split(self._limits(table).full(), np.cumsum(sizes))
         return dict(zip([*names, None], parts, strict=True))
 
