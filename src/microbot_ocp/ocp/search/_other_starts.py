@@ -354,9 +354,11 @@ def _comparable(solution: Solution, context: SolveContext) -> tuple[_CoarseSolve
     return coarse, answer
 
 
-def per_phase(problem: OptimalControlProblem, intervals: int) -> int:
+def per_phase(
+    problem: OptimalControlProblem, intervals: int, fewest: int = FEWEST_INTERVALS
+) -> int:
     """Return the intervals per phase, fewer for more than two phases."""
-    return max(FEWEST_INTERVALS, round(2 * intervals / max(len(problem.phases), 2)))
+    return max(fewest, round(2 * intervals / max(len(problem.phases), 2)))
 
 
 class _CoarseSolver:

@@ -39,6 +39,7 @@ from microbot_ocp.ocp.search._other_starts import (
     cheaper_elsewhere,
     cheapest_of_starts,
     on_any_mesh,
+    per_phase,
 )
 from microbot_ocp.ocp.solution import (
     UNCOMPARED,
@@ -68,7 +69,7 @@ NOT_COMPARED = f"It was {UNCOMPARED}: there may be a cheaper optimum."
 NOT_ALL = "Not every strategy was tried for want of time."
 
 INTERVALS = 50  # intervals per phase of the default mesh, for one or two phases
-FEWEST_INTERVALS = 10  # intervals per phase of the default mesh, for many phases
+FEWEST_INTERVALS = 10  # the same for many phases
 STARTS_COMPARED = 12  # other starts that a solution on a default mesh is compared with
 STARTS_ON_GIVEN_MESH = 4  # other starts that a solution on a given mesh is compared with
 MOST_ITERATIONS = 400  # iteration limit of a try: another strategy converges sooner than a long one
@@ -252,12 +253,6 @@ def _ended(task: SolveTask, best: Solution) -> Solution:
     )
 
 
-def default_mesh(problem: OptimalControlProblem | Transcription) -> int:
-    """Return the default number of intervals per phase: fewer for many phases."""
-    phases = (problem.problem if isinstance(problem, Transcription) else problem).phases
-    return max(FEWEST_INTERVALS, round(2 * INTERVALS / max(len(phases), 2)))
-
-
 # task ---------------------------------------------------------------------------------------------
 
 
@@ -285,7 +280,12 @@ class SolveTask:
 
     @property
     def mesh(self) -> Meshes:
-        return default_mesh(self.problem) if self.given is None else self.given
+        """Given mesh, or the default number of intervals per phase."""
+        if self.given is not None:
+            return self.given
+        declared = self.problem
+        declared = declared.problem if isinstance(declared, Transcription) else declared
+        return per_phase(declared, INTERVALS, FEWEST_INTERVALS)
 
     @property
     def over(self) -> bool:
@@ -475,20 +475,20 @@ class Strategy:
     Attributes
     ----------
     name : text that follows "found"
-    propose : function that yields starts, none if it does not apply, and records its own attempts
-    why : kind of problem that needs the strategy
+    propose : function that yields starts, none if it does not apply, and records its own attempts;
+        its docstring names the kind of problem that needs it
     """
 
     name: str
     propose: Callable[[SolveTask, list[Attempt]], Iterable[Start]]
-    why: str
 
 
-COARSER_SHARE = 0.4  # intervals of a coarser mesh, relative to the default mesh
+COARSER_INTERVALS = 20  # intervals per phase of a coarser mesh, for one or two phases
 MOST_SIMULATIONS = 2  # simulations that serve as starts
 
 
 def _displaced(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
+    """Yield the guess, displaced off symmetric points: most problems are solved from there."""
     settings = task.few
     phases = getattr(task.problem, "phases", ())
     if not task.alone and settings.initial_barrier is None and not any(p.controls for p in phases):
@@ -499,11 +499,21 @@ def _displaced(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
 
 
 def _undisplaced(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
+    """Yield the guess as it is.
+
+    If scales are far too large, a hundredth of them is far from the guess.
+    """
     yield task.start()
 
 
 def _from_a_coarser_mesh(task: SolveTask, tried: list[Attempt]) -> Iterator[Start]:
-    coarser = round(COARSER_SHARE * default_mesh(task.problem))
+    """Yield a solution on a coarser mesh.
+
+    Stiff reactors and long horizons take hundreds of iterations on a fine mesh, few on a coarse
+    one.
+    """
+    assert isinstance(task.problem, OptimalControlProblem)
+    coarser = per_phase(task.problem, COARSER_INTERVALS)
     if isinstance(task.mesh, int) and task.mesh <= coarser:
         return
     start = task.start()
@@ -515,6 +525,11 @@ def _from_a_coarser_mesh(task: SolveTask, tried: list[Attempt]) -> Iterator[Star
 
 
 def _simulated(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
+    """Yield the simulations that end nearest.
+
+    They serve for a swing-up, and for durations far from the guessed one: straight lines are far
+    from any trajectory.
+    """
     assert isinstance(task.problem, OptimalControlProblem)
     if task.guess is None:
         simulations = Rollouts(task.problem, default_guess(task.problem)).of_any_duration()
@@ -523,6 +538,11 @@ def _simulated(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
 
 
 def _regularised(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
+    """Yield the guess for a solve with regularised equations.
+
+    It serves for speeds of zero: conditions depend on each other there, and headings have no
+    influence, so that they start along straight lines.
+    """
     assert isinstance(task.problem, OptimalControlProblem)
     if task.guess is None:
         given, ordinary = task.few.options, default_guess(task.problem)
@@ -536,6 +556,11 @@ def _regularised(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
 
 
 def _from_many_starts(task: SolveTask, tried: list[Attempt]) -> Iterator[Start]:
+    """Yield the cheapest of several solutions on a coarse mesh.
+
+    It serves for turns of a body back and forth, which no simulation with constant controls
+    approximates.
+    """
     start = task.start()
     cheapest, attempts = cheapest_of_starts(start.context, STARTS_COMPARED)
     tried += attempts
@@ -544,45 +569,24 @@ def _from_many_starts(task: SolveTask, tried: list[Attempt]) -> Iterator[Start]:
 
 
 def _with_more_iterations(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
+    """Yield the guess with all iterations, for large or very nonlinear problems."""
     most = task.settings.max_iterations
     if most > task.few.max_iterations:
         yield task.start(settings=replace(task.few, max_iterations=most))
 
 
 def _by_fatrop(task: SolveTask, _: list[Attempt]) -> Iterator[Start]:
+    """Yield the guess for fatrop: IPOPT rejects more equations than variables."""
     yield task.start(settings=replace(task.few, solver="fatrop"))
 
 
 STRATEGIES = (
-    Strategy("", _displaced, "most problems; the guess is displaced off symmetric points"),
-    Strategy(
-        "from the guess as it is",
-        _undisplaced,
-        "scales that are far too large: a hundredth of them is far from the guess",
-    ),
-    Strategy(
-        COARSER,
-        _from_a_coarser_mesh,
-        "stiff reactors and long horizons take hundreds of iterations on a fine mesh, few on a "
-        "coarse one",
-    ),
-    Strategy(
-        "with regularised equations",
-        _regularised,
-        "speeds of zero: conditions depend on each other there, and headings have no influence, so "
-        "that they start along straight lines",
-    ),
-    Strategy(
-        "from the simulation that ends nearest",
-        _simulated,
-        "swing-up, and durations far from the guessed one: straight lines are far from any "
-        "trajectory",
-    ),
-    Strategy(
-        "from the cheapest of several starts on a coarse mesh",
-        _from_many_starts,
-        "turns of a body back and forth, which no simulation with constant controls approximates",
-    ),
-    Strategy("with more iterations", _with_more_iterations, "large or very nonlinear problems"),
-    Strategy("by fatrop", _by_fatrop, "more equations than variables, which IPOPT rejects"),
+    Strategy("", _displaced),
+    Strategy("from the guess as it is", _undisplaced),
+    Strategy(COARSER, _from_a_coarser_mesh),
+    Strategy("with regularised equations", _regularised),
+    Strategy("from the simulation that ends nearest", _simulated),
+    Strategy("from the cheapest of several starts on a coarse mesh", _from_many_starts),
+    Strategy("with more iterations", _with_more_iterations),
+    Strategy("by fatrop", _by_fatrop),
 )

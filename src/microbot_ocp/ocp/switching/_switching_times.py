@@ -26,12 +26,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.outcome import Outcome
 from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.arcs import ArcPlan, Signature, plan_of
 from microbot_ocp.ocp.mesh import divide, state_errors
@@ -155,13 +156,6 @@ def _planned(phase: PhaseSolution) -> ArcPlan:
     return replace(plan, arcs=tuple(arcs))
 
 
-class _Verdict(NamedTuple):
-    """Final status of the search."""
-
-    status: Status
-    advice: str = ""
-
-
 @dataclass(eq=False)
 class _SwitchingSearch:
     """State of the search: plans of the arcs, tried structures, and the last transcription."""
@@ -211,14 +205,14 @@ class _SwitchingSearch:
             if error <= self.accuracy and not (unkept and done < rounds - 1):
                 return self._answer(measured, error, self._judged(solved))
             self.plans = with_finer_meshes(solved, finer)
-        return self._answer(measured, error, _Verdict(Status.ROUND_LIMIT))
+        return self._answer(measured, error, Outcome.of(Status.ROUND_LIMIT))
 
-    def _stopped(self, until: float) -> _Verdict | None:
+    def _stopped(self, until: float) -> Outcome | None:
         most = 2 * MOST_ARCS  # short arcs may still vanish
         if any(len(plan.arcs) > most for plan in self.plans):
             advice = f"More than {most} arcs in a phase are too many to solve for."
-            return _Verdict(Status.NOT_POSSIBLE, advice)
-        return _Verdict(Status.TIME_LIMIT) if time.perf_counter() > until else None
+            return Outcome.of(Status.NOT_POSSIBLE, advice)
+        return Outcome.of(Status.TIME_LIMIT) if time.perf_counter() > until else None
 
     def _solve(self) -> ArcSolution:
         """Solve for the lengths of the arcs of the plans."""
@@ -251,7 +245,7 @@ class _SwitchingSearch:
             return None
         self.progress(f"conditions of {count} arcs: cost {singular.cost:.12g}")
         return replace(
-            self._answer(solved, singular.state_error, _Verdict(Status.SOLVED)),
+            self._answer(solved, singular.state_error, Outcome.of(Status.SOLVED)),
             advice=f"{Status.SOLVED.sentence} A control is {SINGULAR}.",
             junctions=tuple(junctions_of(plan, singular.lengths, singular=True)),
             singular=singular,
@@ -271,19 +265,19 @@ class _SwitchingSearch:
                 intervals[piece.name] = max(intervals[piece.name], parts * count)
         return intervals
 
-    def _judged(self, solved: ArcSolution) -> _Verdict:
+    def _judged(self, solved: ArcSolution) -> Outcome:
         """Return the verdict: locally optimal, or the reason why not."""
         solution, first = solved.solution, self.first
         # The detected structure allows the cost of the start: a higher cost proves it wrong.
         if solution.cost > first.cost + COSTLIER * abs(first.cost):
-            return _Verdict(
+            return Outcome.of(
                 Status.NOT_ACCEPTED,
                 f"The arcs cost {solution.cost:.8g}, more than the {first.cost:.8g} of the "
                 "solution that shows them: give a start on a finer mesh.",
             )
         worst = worst_along(use for p in solution.phases for use in limit_uses(dense_phase(p)))
         if worst is not None and worst.relative > EXCEEDED:
-            return _Verdict(
+            return Outcome.of(
                 Status.LIMITS_EXCEEDED,
                 f"Between mesh points {worst.kind} {worst.name} of {worst.phase!r} is "
                 f"{100 * worst.relative:.2g} % beyond its limit: the optimum has more arcs than "
@@ -293,23 +287,21 @@ class _SwitchingSearch:
         # controls.
         wanted = self.settings.gap * cost_size(solution.cost, solution.cost_scale)
         if not solution.gap.total <= wanted:
-            return _Verdict(
+            return Outcome.of(
                 Status.GAP_LEFT,
                 f"{Status.GAP_LEFT.sentence} It is {solution.gap.total:.2g}, not {wanted:.2g}.",
             )
         wrong = wrong_signs(solved)
         if wrong:
-            return _Verdict(
+            return Outcome.of(
                 Status.NO_PROGRESS,
                 f"In {', '.join(wrong)} the multiplier of a control at its limit has the wrong "
                 "sign: a switch is missing. A start on a finer mesh may show it.",
             )
-        return _Verdict(Status.SOLVED)
+        return Outcome.of(Status.SOLVED)
 
-    def _answer(
-        self, solved: ArcSolution | None, error: float, verdict: _Verdict
-    ) -> SwitchingTimes:
-        status, advice = verdict.status, verdict.advice or verdict.status.sentence
+    def _answer(self, solved: ArcSolution | None, error: float, verdict: Outcome) -> SwitchingTimes:
+        status, advice = verdict.status, verdict.text
         if status is Status.ROUND_LIMIT:
             advice += f" The dynamics hold to {error:.1e} instead of {self.accuracy:.1e}."
         if status is not Status.INTERRUPTED:
@@ -338,9 +330,9 @@ def _signatures(plans: Sequence[ArcPlan]) -> tuple[tuple[Signature, ...], ...]:
     return tuple(plan.signatures for plan in plans)
 
 
-def _not_solved(attempt: ArcSolution) -> _Verdict:
+def _not_solved(attempt: ArcSolution) -> Outcome:
     status = attempt.solution.status
-    return _Verdict(
+    return Outcome.of(
         status,
         f"The {len(attempt.solution.phases)} arcs that the start shows do not lead to a solution: "
         "an arc is missing or wrong, and a start on a finer mesh may "
