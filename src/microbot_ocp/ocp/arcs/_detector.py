@@ -194,7 +194,7 @@ def jumping(phase: Phase) -> list[Variable]:
 
 # activities ---------------------------------------------------------------------------------------
 
-AT_BOUND = 1e-3  # distance of an active control from its bound, relative to its range
+AT_BOUND = 1e-3  # distance at which a control or limit is active, relative to its range
 # Near the end of a ramp the barrier outweighs the small gain of a continuous control.
 AT_END_OF_RAMP = 1e-2  # distance of an active continuous control from its bound, likewise
 
@@ -236,9 +236,6 @@ def _scaled(mean: FloatArray, low: float, high: float) -> FloatArray | None:
     return (2 * mean - high - low) / (high - low)
 
 
-AT_STATE_LIMIT = 3e-3  # distance of a state from an active limit, by its range in the phase
-
-
 def _state_limits(phase: PhaseSolution, declared: Phase) -> list[Activity]:
     """Return activities of limits of the states, active in an interval with both ends at them."""
     others = Expressions(declared).symbols[len(declared.states) :]  # the states come first
@@ -249,7 +246,7 @@ def _state_limits(phase: PhaseSolution, declared: Phase) -> list[Activity]:
         for i in range(constraint.size):
             limit = ActiveLimit(constraint, i, mixed=False)
             values = limit.along(phase.values, states)
-            near = AT_STATE_LIMIT * float(np.ptp(values))
+            near = AT_BOUND * float(np.ptp(values))
             sides = limit.sides(values, near)
             if near > 0 and limit.bounds[0] < limit.bounds[1] and np.any(sides):
                 both = np.where(sides[:-1] == sides[1:], sides[1:], 0)
@@ -260,9 +257,6 @@ def _state_limits(phase: PhaseSolution, declared: Phase) -> list[Activity]:
 
 def _depends(constraint: PathConstraint, symbols: Sequence[ca.MX]) -> bool:
     return any(ca.depends_on(constraint.expression, symbol) for symbol in symbols)
-
-
-AT_MIXED_LIMIT = 2e-3  # distance from an active limit of controls, relative to its range
 
 
 def mixed_limits(phase: PhaseSolution, declared: Phase) -> list[Activity]:
@@ -291,7 +285,7 @@ def mixed_limits(phase: PhaseSolution, declared: Phase) -> list[Activity]:
             limit = ActiveLimit(constraint, i, mixed=True)
             low, high = limit.bounds
             range_ = high - low if np.isfinite(high - low) else float(np.ptp(values))
-            near = AT_MIXED_LIMIT * range_
+            near = AT_BOUND * range_
             table = limit.sides(values, near).reshape(steps.size, points.size)
             sides = np.where(np.all(table == table[:, :1], axis=1), table[:, 0], 0)
             if near > 0 and low < high and np.any(sides):

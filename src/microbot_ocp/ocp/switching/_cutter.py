@@ -38,9 +38,12 @@ from microbot_ocp.ocp.transcription.schemes import Collocation
 
 HIGH_ORDER = Collocation("radau", 5)  # scheme of an arc, which is smooth; of order 9
 SHORTEST_ARC = 1e-4  # least length of an arc, as a fraction of its phase
+VANISHED_ARC = 2 * SHORTEST_ARC  # length at which an arc is removed, likewise
 LONGEST_ARC = 3.0  # largest length of an arc, as a multiple of the duration of its phase
 HIGHEST_ORDER = 3  # time derivatives of a state limit that are searched for a control
-BOUND_MARGIN = 1e-6  # widening of a bound beside an arc where an equation holds it, by its range
+# Widening of a bound beside an arc where an equation holds it, and distance at which a bound still
+# counts as reached or kept, relative to its range.
+BOUND_MARGIN = 1e-6
 
 Key = tuple[str, int]  # name and component of a limit
 
@@ -179,7 +182,8 @@ class _ArcPhases:
             chosen = [k for k in getattr(declared, kind) if k.fractions[0] in ends]
             setattr(piece, kind, _mapped(final, chosen))
         if first:
-            piece.point_constraints += map(_at_start, _mapped(timed, here.entered(before)))
+            entered = _mapped(timed, here.entered(before))
+            piece.point_constraints += [PointConstraint.of(k, 0.0) for k in entered]
         piece.interior_points = None  # default: the scheme's points, at which controls have values
         return piece, self._guess(arc)
 
@@ -228,10 +232,6 @@ class _ArcPhases:
 def _mapped(change: Callable[[ca.MX], ca.MX], items: Sequence[Any]) -> list[Any]:
     """Return constraints or costs with changed expressions."""
     return [replace(item, expression=change(item.expression)) for item in items]
-
-
-def _at_start(constraint: PathConstraint) -> PointConstraint:
-    return PointConstraint(**vars(constraint), fractions=np.zeros(1))
 
 
 def _without_bounds(limited: Any, keeping: frozenset[Key], beside: frozenset[Key]) -> Any:

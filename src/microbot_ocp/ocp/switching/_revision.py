@@ -26,12 +26,11 @@ from microbot_ocp.ocp.arcs import (
 )
 from microbot_ocp.ocp.problem import Phase
 from microbot_ocp.ocp.solution import PhaseSolution, Solution
-from microbot_ocp.ocp.switching._cutter import SHORTEST_ARC
+from microbot_ocp.ocp.switching._cutter import SHORTEST_ARC, VANISHED_ARC
 from microbot_ocp.ocp.transcription import labels_of
 from microbot_ocp.ocp.transcription.schemes import Collocation
 from microbot_ocp.ocp.verification import runs
 
-VANISHED_ARC = 2 * SHORTEST_ARC  # length at which an arc is removed, as a fraction of its phase
 LEAST_INTERVALS = 2  # intervals of an arc on its first mesh
 
 

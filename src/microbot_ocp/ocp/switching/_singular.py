@@ -33,17 +33,20 @@ from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Variable
 from microbot_ocp.ocp.solution import PhaseSolution, Solution, cost_size
 from microbot_ocp.ocp.solvers import SolveContext, SolverSettings
 from microbot_ocp.ocp.starts import guess_from, scaled
-from microbot_ocp.ocp.switching._cutter import HIGH_ORDER, LONGEST_ARC
+from microbot_ocp.ocp.switching._cutter import (
+    BOUND_MARGIN,
+    HIGH_ORDER,
+    LONGEST_ARC,
+    SHORTEST_ARC,
+    VANISHED_ARC,
+)
 from microbot_ocp.ocp.transcription import Guess, MeshLike, Transcription, interpolate
 from microbot_ocp.ocp.verification import costates_of, differentiate
 
 SETTINGS = SolverSettings("ipopt", tolerance=1e-12, gap=np.inf, max_iterations=60)
 LEAST_INTERVALS = 4  # intervals of an arc on its first mesh
 MOST_ROUNDS = 6  # solves, each on a finer mesh
-SHORTEST_ARC = 1e-6  # least length of an arc, as a fraction of the phase
 TIMES_CHECKED = 200  # instants of an arc at which signs and limits are checked
-VIOLATION = 1e-6  # violation of limits and signs, relative to the range or the largest value
-AT_END = 1e-6  # distance from a bound at which an end condition is active, relative to its range
 AGREEING_COST = 1e-2  # difference to the cost of the nearby solution, relative to that cost
 
 COST, CLOCK, COSTATE = "cost so far", "elapsed time", "costate of "
@@ -415,7 +418,7 @@ class _FirstOrderConditions:
         near = self.plan
         lengths = np.array([phase.duration for phase in solution.phases])
         # An arc at its least length has vanished: the structure is another one.
-        if lengths.min() <= 2 * SHORTEST_ARC * near.duration:
+        if lengths.min() <= VANISHED_ARC * near.duration:
             raise NotPossibleError("an arc has no length")
         pairs = list(zip(solution.phases, self.laws, strict=True))
         tables = [
@@ -430,7 +433,7 @@ class _FirstOrderConditions:
         for index, (law, along) in enumerate(zip(self.laws, switching, strict=True)):
             # Pontryagin: side 1 requires H_u <= 0, side -1 requires H_u >= 0.
             against = (sides[index][:, None] * along).max(axis=1) / largest
-            if against.max() > VIOLATION:
+            if against.max() > BOUND_MARGIN:
                 raise NotPossibleError(
                     "a switching function of a control at a bound has the wrong sign"
                 )
@@ -493,8 +496,8 @@ class _FirstOrderConditions:
             reach = limit.upper - limit.lower
             reach = np.where(np.isfinite(reach), reach, np.ptp(values, axis=1) + limit.scale)
             excess = np.maximum(values.max(axis=1) - limit.upper, limit.lower - values.min(axis=1))
-            size = np.maximum(reach, VIOLATION * limit.scale)
-            if np.any(excess > VIOLATION * size):
+            size = np.maximum(reach, BOUND_MARGIN * limit.scale)
+            if np.any(excess > BOUND_MARGIN * size):
                 raise NotPossibleError(f"{limit.name!r} is beyond its limit along an arc")
 
 
@@ -519,6 +522,6 @@ def _at_bound(
 ) -> tuple[np.ndarray, FloatArray]:
     """Return a mask of the values that are at a bound, and those bounds."""
     reach = upper - lower
-    near = AT_END * np.where(np.isfinite(reach), reach, scale)
+    near = BOUND_MARGIN * np.where(np.isfinite(reach), reach, scale)
     at_lower, at_upper = values <= lower + near, values >= upper - near
     return at_lower | at_upper, np.where(at_lower, lower, np.where(at_upper, upper, values))
