@@ -60,15 +60,20 @@ def finite_start(program: Program, x: FloatArray, *, uneven: bool = False) -> Fl
     complaint = not_finite(program, inside, "the guess")
     if complaint is None and not uneven:
         return x
-    if complaint is None or _has_values(program, inside):
+    # A slope alone may be infinite at a kink.
+    if np.isfinite([program.cost(inside), *program.row_values(inside)]).all():
         free = (program.variable_lower < program.variable_upper) & ~_held(program, inside)
-        shares = 0.5 + GOLDEN * np.arange(x.size) % 1.0  # all different: no difference stays zero
-        beside = _inside(program, x + START_OFFSET * np.where(free, shares, 0.0))
+        beside = _inside(program, x + START_OFFSET * np.where(free, all_different(x.size), 0.0))
         if not_finite(program, beside, "the guess") is None:
             return beside
     if complaint is None:
         return x
     raise NotFinite(complaint)
+
+
+def all_different(size: int) -> FloatArray:
+    """Return numbers from 0.5 to 1.5, of which no two are equal: no difference stays zero."""
+    return 0.5 + GOLDEN * np.arange(size) % 1.0
 
 
 def _held(program: Program, x: FloatArray) -> np.ndarray:
@@ -80,13 +85,6 @@ def _held(program: Program, x: FloatArray) -> np.ndarray:
     held = np.zeros(x.size, bool)
     held[column[(equal & ends)[row]]] = True
     return held
-
-
-def _has_values(program: Program, x: FloatArray) -> bool:
-    """Return True if the cost and all rows are finite, without regard to slopes."""
-    f, _ = program.functions["gradient"](x, program.parameters)
-    g, _ = program.functions["jacobian"](x, program.parameters)
-    return bool(np.isfinite(f.nonzeros()).all() and np.isfinite(g.nonzeros()).all())
 
 
 def not_finite(program: Program, x: FloatArray, where: str) -> str | None:
@@ -182,21 +180,14 @@ def _points(
     values: PhaseSolution, *, at_end: bool
 ) -> tuple[list[tuple[str, ca.MX]], list[FloatArray], FloatArray, np.ndarray]:
     """Return symbols of a phase, values [size, M], times and intervals of its sample points."""
-    phase, h = values.laid_out.phase, np.diff(values.mesh)
-    fractions = np.array([1.0]) if at_end else np.linspace(0.0, 1.0, 5)
-    intervals = np.arange(h.size)[-1:] if at_end else np.arange(h.size)
-    k = np.repeat(intervals, fractions.size)
-    share = np.tile(fractions, intervals.size)
+    phase = values.laid_out.phase
+    k, share, times = values.points(np.linspace(0.0, 1.0, 5))
+    if at_end:
+        k, share, times = k[-1:], share[-1:], times[-1:]
     states = {name: table.T for name, table in _interpolated(values, k, share).items()}
-    rates = {
-        c.name: (np.diff(values[c.name], axis=0).T / (h * values.duration))[:, k]
-        for c in phase.controls
-        if c.rate is not None
-    }
     data = [np.tile(m.value.mean(axis=0)[:, None], (1, k.size)) for m in phase.measurements]
-    times = (values.mesh[k] + share * h[k]) * values.duration
     expressions = Expressions(phase, phase.measurements)
-    tables = expressions.tables(states, times, values.duration, rates, data)
+    tables = expressions.tables(states, times, values.duration, values.rates(k), data)
     return expressions.inputs, tables, times, k
 
 

@@ -82,12 +82,12 @@ def as_expression(value: Any, name: str = "expression") -> ca.MX:
 
 def refuse_steps(label: str, expression: ca.MX) -> None:
     """Raise InputError if a component, or a term of one, is piecewise constant."""
-    for row in ca.vertsplit(expression) if _compares(expression) else ():
+    for row in ca.vertsplit(expression) if _has(expression, RELATIONS) else ():
         # One branch of ca.if_else may be constant: a product with 0 or 1 is no term of its own.
         parts = [term for term in _terms(row) if term.op() != ca.OP_IF_ELSE_ZERO]
         for part in (row, *parts):
             symbols = ca.vertcat(*ca.symvar(part))
-            if _compares(part) and ca.jacobian(part, symbols).is_zero():
+            if _has(part, RELATIONS) and ca.jacobian(part, symbols).is_zero():
                 raise InputError(
                     f"{label} contains the value of a comparison, {shown(str(part))}: its "
                     "derivative is zero, so no solver can change it; declare the relation as a "
@@ -120,10 +120,6 @@ def _graph(expression: ca.MX) -> ca.Function:
 def _has(expression: ca.MX, operations: Container[int]) -> bool:
     graph = _graph(expression)
     return any(graph.instruction_id(k) in operations for k in range(graph.n_instructions()))
-
-
-def _compares(expression: ca.MX) -> bool:
-    return _has(expression, RELATIONS)
 
 
 def _terms(sum_of_terms: ca.MX) -> list[ca.MX]:

@@ -22,6 +22,7 @@ from microbot_ocp.ocp.solution._gap import UNKNOWN, Gap
 from microbot_ocp.ocp.transcription import (
     Guess,
     Guesses,
+    IntArray,
     PhaseLayout,
     Program,
     assemble,
@@ -116,6 +117,21 @@ class PhaseSolution(Hinting, Portable):
                 f"phase {self.name!r} was not made by a solve: it has mesh values only"
             )
         return self.layout
+
+    def points(self, shares: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Return the same points [K] of every interval: intervals, fractions of them, times [M]."""
+        count = self.mesh.size - 1
+        interval, share = np.repeat(np.arange(count), shares.size), np.tile(shares, count)
+        t = (self.mesh[interval] + share * np.diff(self.mesh)[interval]) * self.duration
+        return interval, share, t
+
+    def rates(self, interval: IntArray) -> dict[str, FloatArray]:
+        """Return the time derivatives [size, M] of the linear controls in given intervals."""
+        h = np.diff(self.mesh) * self.duration
+        return {
+            name: (np.diff(self.values[name], axis=0).T / h)[:, interval]
+            for name in self.laid_out.phase.rates
+        }
 
     def sample(self, t: ArrayLike) -> dict[str, FloatArray]:
         """Return every state, control and algebraic variable [M, size] at times t [M], s.

@@ -123,15 +123,12 @@ def _of_phase(phase: PhaseSolution, multipliers: FloatArray) -> tuple[float, dic
     ]
     if declared.algebraics or not looked_at or not isinstance(scheme, Collocation):
         return 0.0, {}
-    count = scheme.degree
-    intervals = np.repeat(np.arange(layout.intervals), count)
-    share = np.tile(scheme.points, layout.intervals)
+    intervals, share, t = phase.points(np.array(scheme.points))
     at = Recomputation(phase)
     sampled = at.interpolated(intervals, share)
     for control in looked_at:  # the values of the program, not limited between the points
         sampled[control.name] = phase.values[control.name].reshape(-1, control.size)
     steps = np.diff(phase.mesh)[intervals]
-    t = (phase.mesh[intervals] + share * steps) * phase.duration
     costates = _at_points(layout, scheme, multipliers).reshape(t.size, -1)
     weights = steps * phase.duration * np.tile(scheme.weights, layout.intervals)
 
@@ -164,6 +161,6 @@ def _of_phase(phase: PhaseSolution, multipliers: FloatArray) -> tuple[float, dic
                 values[control.name][lower, component] = value
     with np.errstate(invalid="ignore"):
         gain = np.nan_to_num((before - best) * weights, posinf=0.0)
-    shape = (layout.intervals, count)
-    tables = {name: table.reshape(*shape, -1) for name, table in values.items()}
+    shape = layout.intervals, scheme.degree, -1
+    tables = {name: table.reshape(shape) for name, table in values.items()}
     return float(gain.sum()), tables

@@ -78,29 +78,19 @@ def dense_phase(
         the interpolation of the scheme.
     """
     layout = phase.laid_out
-    declared, n = layout.phase, layout.intervals
+    declared = layout.phase
     assert phase.stages is not None
     interpolated = interpolated or partial(layout.interpolated, phase.stages)
-    share = np.linspace(0.0, 1.0, POINTS + 1)
-    interval = np.repeat(np.arange(n), share.size)
-    place = np.tile(share, n)
-    steps = np.diff(layout.mesh)
+    interval, place, t = phase.points(np.linspace(0.0, 1.0, POINTS + 1))
     sampled = interpolated(interval, place)
-    t = (layout.mesh[interval] + place * steps[interval]) * phase.duration
     limited: list[Limited] = []
     for v in declared.variables:
         kind = v.shape if v.shape in NOT_CONTROLS else "control"
         limited += _limited(kind, v, sampled[v.name])
     duration, bounds = np.array([phase.duration]), declared.duration_bounds
     limited.append(Limited("duration", DURATION, 0, "s", *bounds, 1.0, duration, end=True))
-    lengths = (steps * phase.duration)[interval]
-    rates = {
-        c.name: np.diff(phase.values[c.name], axis=0).T[:, interval] / lengths
-        for c in declared.controls
-        if c.rate is not None
-    }
-    expressions = Expressions(declared)
-    table = expressions.table({k: v.T for k, v in sampled.items()}, t, phase.duration, rates)
+    columns, expressions = {k: v.T for k, v in sampled.items()}, Expressions(declared)
+    table = expressions.table(columns, t, phase.duration, phase.rates(interval))
     for kind, limits, rows in (
         ("constraint", declared.constraints, slice(None)),
         ("end constraint", declared.end_constraints, slice(-1, None)),
