@@ -360,7 +360,7 @@ class OptimalControlProblem(Hinting, Portable):
         if not self.phases:
             raise InputError(f"problem {self.name!r} has no phases")
         linked = {(link.before, link.after) for link in self.links}
-        for before, after in zip(self.phases[:-1], self.phases[1:], strict=True):
+        for before, after in itertools.pairwise(self.phases):
             if (before.name, after.name) not in linked:
                 raise InputError(
                     f"phase {after.name!r} is not linked to {before.name!r}: call link(), with "

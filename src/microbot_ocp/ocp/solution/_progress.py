@@ -107,7 +107,7 @@ class Watch:
             return not self.stopped
         self.x, self.count = x, self.count + 1
         if cost is None:
-            cost = float(self.program.functions["gradient"](x, self.program.parameters)[0])
+            cost = self.program.cost(x)
         try:
             with aloud():
                 self.progress(Iteration(self.solver, self.count, cost, self.program, x))

@@ -46,9 +46,8 @@ def starting_point(program: Program, problem: OptimalControlProblem, guess: Give
 
 def _alike(a: PhaseLayout, b: PhaseLayout) -> bool:
     """Return True if two layouts differ only in meshes and degrees."""
-    if type(a) is not type(b):
-        return False
-    return type(a.kind.scheme) is type(b.kind.scheme) and _content(a) == _content(b)
+    alike = type(a) is type(b) and type(a.kind.scheme) is type(b.kind.scheme)
+    return alike and _content(a) == _content(b)
 
 
 def _content(layout: PhaseLayout) -> set[tuple[str, str, int, float]]:
@@ -250,34 +249,27 @@ def _values(piece: PhaseSolution, name: str, t: FloatArray, samples: Samples) ->
 
 
 def _moved_multipliers(
-    program: Program, old: Sequence[PhaseLayout], rows: FloatArray, variables: FloatArray
+    program: Program, layouts: Sequence[PhaseLayout], rows: FloatArray, variables: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return multipliers for a program from those of its problem on another mesh."""
     new_rows = np.zeros(program.row_lower.size)
     new_variables = np.zeros(program.variable_lower.size)
-    for before, after in zip(old, program.layouts, strict=True):
+    for before, after in zip(layouts, program.layouts, strict=True):
         for old_block, new_block in zip(before.rows[1:], after.rows[1:], strict=True):
             new_rows[new_block.places] = rows[old_block.places]
-        for series, values, new in (
-            (_of_rows, rows, new_rows),
-            (_of_stages, variables, new_variables),
-            (_of_nodes, variables, new_variables),
-        ):
-            _move(series(before), series(after), values, new)
+        old_series, new_series = (
+            (_series(k, k.rows[0], 0), _series(k, k.variables[0], k.node_size), _of_nodes(k))
+            for k in (before, after)
+        )
+        tables = (rows, new_rows), (variables, new_variables), (variables, new_variables)
+        for old, new, (values, new_values) in zip(old_series, new_series, tables, strict=True):
+            _move(old, new, values, new_values)
     return new_rows, new_variables
 
 
 # Multipliers of one kind [3, M]: places as increasing fractions of the phase, indices in the
 # program, and weights: the multiplier divided by its weight is a density along the phase.
 Series = Mapping[tuple[object, ...], FloatArray]
-
-
-def _of_rows(layout: PhaseLayout) -> Series:
-    return _series(layout, layout.rows[0], 0)
-
-
-def _of_stages(layout: PhaseLayout) -> Series:
-    return _series(layout, layout.variables[0], layout.node_size)
 
 
 def _of_nodes(layout: PhaseLayout) -> Series:

@@ -158,10 +158,10 @@ def cost_scale(program: Program, x: FloatArray) -> float:
         slope = program.slopes(point)[0]
         sizes.append(float(np.abs(slope).sum()))
     change = max((size for size in sizes if np.isfinite(size)), default=COST_CHANGE)
-    return float(_rounded(np.array(change / COST_CHANGE), COST_BAND))
+    return float(_rounded(change / COST_CHANGE, COST_BAND))
 
 
-def _rounded(size: FloatArray, band: float = BAND) -> FloatArray:
+def _rounded(size: FloatArray | float, band: float = BAND) -> FloatArray:
     """Return powers of ten; one for a size within ``band`` of one, or an unknown size."""
     positive = np.isfinite(size) & (size > 0)
     size = np.where(positive, size, 1.0)
@@ -212,13 +212,6 @@ class _SizeEstimate:
             table = sampled(simulated.values[state.name], state, self.share)
             old = self.reached.get(state.name, np.zeros(state.size))
             self.reached[state.name] = np.fmax(old, np.abs(table).max(axis=0))
-
-    @property
-    def duration_scale(self) -> float | None:
-        if self.phase.duration_scale is not None:
-            return self.phase.duration_scale
-        size = float(_rounded(np.array(self.duration)))
-        return None if size == 1.0 else size
 
     def find_sizes(self) -> None:
         """Determine unknown sizes from known ones."""
@@ -285,7 +278,8 @@ class _SizeEstimate:
         self.sizes = dict(scales)
         changed = with_items(self.phase, lambda v: replace(v, scale=scales[v.name]), VARIABLES)
         changed = with_items(changed, lambda c: replace(c, scale=self._limit_scale(c)), LIMITS)
-        changed.duration_scale = self.duration_scale
+        if changed.duration_scale is None and (size := float(_rounded(self.duration))) != 1.0:
+            changed.duration_scale = size
         return changed
 
     def _limit_scale(self, limit: PathConstraint) -> FloatArray:

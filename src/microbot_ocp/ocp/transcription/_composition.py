@@ -259,7 +259,7 @@ def _at_every_call(function: ca.Function, arguments: ca.MX, *more: ca.MX) -> lis
     """Return outputs for every column of the arguments, side by side."""
     count = function.n_in() - len(more)
     edges = _edges([function.size1_in(k) for k in range(count)])
-    parts = [arguments[a:b, :] for a, b in itertools.pairwise(edges)]
+    parts = ca.vertsplit(arguments, edges)
     mapped: Any = function.map(arguments.shape[1])
     outputs = mapped(*parts, *more)
     return list(outputs) if isinstance(outputs, tuple) else [outputs]
