@@ -27,13 +27,12 @@ from microbot_ocp.ocp.solution import Solution, unpack
 from microbot_ocp.ocp.starts import default_guess, rollouts, scaled, starting_point
 from microbot_ocp.ocp.transcription import EQUATIONS, Guess, Label, Meshes, Program, Transcription
 
-RELAXED = 1e-4  # scaled slack above which a limit counts as relaxed
-CONFLICTS = 1e-3  # sum of scaled multipliers of a limit above which it is in conflict
+RELAXED = 1e-4  # scaled slack, or sum of multipliers, above which a limit is relaxed or in conflict
 LONGEST_RATIO = 10.0  # largest duration relative to the guess if only limits are relaxed
 MOST_ALONE = 12  # number of limits that are relaxed alone
 SIMULATED_STARTS = 3  # simulations that serve as further starts of the elastic solve
-# Among equally cheap relaxations the weights prefer limits, then ends, durations and starts.
-_WEIGHTS = {"final": 0.01, "duration": 0.02, "initial": 0.03}
+# Kinds in the order in which equally cheap ones are relaxed, and the extra weight of each next one.
+_PREFERRED, EXTRA_WEIGHT = ("limit", "final", "duration", "initial"), 0.01
 _PLACES = {"initial": "start of ", "final": "end of "}
 
 
@@ -224,7 +223,7 @@ class _ElasticProgram:
                 if not acting.size:
                     continue
                 value = float(limits[acting[0]])
-                most = 0.99 * value if kind == "duration" and side < 0 else np.inf
+                most = (1 - RELAXED) * value if kind == "duration" and side < 0 else np.inf
                 equal = bool(np.all(self.lower[acting] == self.upper[acting]))
                 yield _LimitSide(self.labels[acting[0]], kind, side, equal, value, acting, most)
 
@@ -262,7 +261,7 @@ class _ElasticProgram:
         bounded, order = self.bounded.tolist(), self.source.tolist()
         pick = ca.DM.eye(self.count)[bounded, :]
         copies = ca.DM.eye(len(self.labels))[:, order]
-        weights = [1.0 + _WEIGHTS.get(item.kind, 0.0) for item in self.items]
+        weights = [1.0 + EXTRA_WEIGHT * _PREFERRED.index(item.kind) for item in self.items]
         v = ca.MX.sym("v", self.count + slacks)
         p = ca.MX.sym("p", program.parameters.size)
         x, s = v[: self.count], v[self.count :]
@@ -283,7 +282,7 @@ class _ElasticProgram:
         }
         elastic = {"x": v, "p": p, "f": cost, "g": limits}
         # An acceptable point suffices, as by default in IPOPT.
-        options = {"tol": 1e-7, "max_iter": max_iterations, "acceptable_iter": 15}
+        options = {"max_iter": max_iterations, "acceptable_iter": 15}
         return ipopt("elastic", elastic, options, no_nlp_grad=True, cache=cache)
 
     def solve(self, x: FloatArray, allowed: np.ndarray) -> tuple[bool, FloatArray, FloatArray]:
@@ -291,7 +290,7 @@ class _ElasticProgram:
         slacks = len(self.items)
         most = np.where(allowed, [item.most for item in self.items], 0.0)
         result = self.solver(
-            x0=np.concatenate([x, np.where(allowed, 0.1, 0.0)]),
+            x0=np.concatenate([x, np.zeros(slacks)]),
             p=self.program.parameters,
             lbx=np.concatenate([np.full(self.count, -np.inf), np.zeros(slacks)]),
             ubx=np.concatenate([self.highest, most]),
@@ -328,7 +327,7 @@ class _ElasticProgram:
             float(np.maximum(item.side * multipliers[place], 0.0).sum())  # upper: positive
             for item, place in zip(self.items, self.places, strict=True)
         ]
-        order = [int(i) for i in np.argsort(pressing)[::-1] if pressing[i] > CONFLICTS]
+        order = [int(i) for i in np.argsort(pressing)[::-1] if pressing[i] > RELAXED]
         giving_groups = self._groups(giving.tolist())
         alternatives, conflicts = [], []
         for group in self._groups(order)[: 0 if limits_only else MOST_ALONE]:

@@ -18,7 +18,6 @@ from microbot_ocp.ocp.solution import PhaseSolution, Solution
 
 ZERO = 1e-2  # size that counts as zero, relative to the largest one along the phase
 LEAST = 0.05  # fraction of a phase at a kink above which it is reported
-SHARES = np.array([0.25, 0.75])  # sample points in every interval, as fractions
 REMEDY = (
     "make the size a control s >= 0 with the cost of s and sumsqr(u) + e**2 <= (s + e)**2, e a "
     "thousandth of its largest value (the cost is then too small by at most e a second), or for a "
@@ -36,10 +35,8 @@ def kinks(solution: Solution) -> str:
     for phase in solution.phases:
         layout = phase.laid_out
         assert phase.stages is not None
-        k = np.repeat(np.arange(layout.intervals), SHARES.size)
-        share = np.tile(SHARES, layout.intervals)
-        t = (layout.mesh[k] + share * np.diff(layout.mesh)[k]) * phase.duration
-        values = layout.interpolated(phase.stages, k, share)
+        t = (phase.t[:-1] + phase.t[1:]) / 2
+        values = layout.interpolated(phase.stages, np.arange(t.size), np.full(t.size, 0.5))
         for label, sizes in _sizes(phase, {name: v.T for name, v in values.items()}, t):
             zero = sizes <= ZERO * sizes.max(initial=0.0)
             if zero.mean() >= LEAST and not zero.all():

@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
+from microbot_ocp.ocp.diagnosis._finiteness import all_different
 from microbot_ocp.ocp.transcription import IntArray, Program
 
 
@@ -32,7 +33,7 @@ def independent(program: Program, x: FloatArray, tolerance: float) -> tuple[Prog
     fixed = program.variable_lower == program.variable_upper
     at = np.where(fixed, program.variable_lower, x)
     # Gradients that depend on each other at x by coincidence do not at a second point.
-    beside = at + np.where(fixed, 0.0, 0.1 + 0.2 * (np.arange(x.size) % 7))
+    beside = at + np.where(fixed, 0.0, all_different(x.size))
     for point in (at, beside):
         for first, others in _constant(program):
             point[others] = point[first]

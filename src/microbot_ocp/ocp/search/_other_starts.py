@@ -29,6 +29,7 @@ from microbot_ocp.ocp.refinement import BARRIER_NEAR_BOUNDS, PASSING, named
 from microbot_ocp.ocp.solution import AGREEING_STARTS, Attempt, Solution, StartingPoint, cost_size
 from microbot_ocp.ocp.solvers import SolveContext, Solvers, run_chain, with_cost_scale
 from microbot_ocp.ocp.starts import (
+    NEGLIGIBLE,
     Ranges,
     Rollouts,
     default_guess,
@@ -236,7 +237,6 @@ HEIGHTS = (0.6, 0.1)  # standard deviations of the curves in turn, relative to t
 HALF_WAVES = 3  # largest number of half waves of a curve
 STRETCH = 0.3  # standard deviation of the logarithm of a random duration
 PUSH = 0.2  # fraction of the way from the usual controls to random ones
-SMALL_STATE = 1e-4  # size below which a state is at rest at zero, relative to its scale
 
 
 def _curves(
@@ -258,7 +258,7 @@ def _curves(
             values: dict[str, GuessValue] = dict(ordinary.values)
             for state in phase.states:
                 table = solved.values[state.name].reshape(-1, state.size)
-                least, size = SMALL_STATE * state.scale, np.abs(table).max(axis=0)
+                least, size = NEGLIGIBLE * state.scale, np.abs(table).max(axis=0)
                 size = np.where(size > least, size, state.scale)
                 reached = np.ptp(table, axis=0)
                 height = share * np.where(reached > least, reached, size)
@@ -388,8 +388,7 @@ class _CoarseSolver:
 
     def cost(self, guess: dict[str, Guess]) -> float:
         """Return the cost of a guess itself; infinite if it is not finite."""
-        x = self.start(guess).x
-        cost = float(self.program.functions["gradient"](x, self.program.parameters)[0])
+        cost = self.program.cost(self.start(guess).x)
         return cost if np.isfinite(cost) else np.inf
 
     def solved(self, guess: dict[str, Guess] | Solution) -> Solution:

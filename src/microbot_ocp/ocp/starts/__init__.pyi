@@ -21,6 +21,7 @@ from ._rollout import (
     within as within,
 )
 from ._scaling import (
+    NEGLIGIBLE as NEGLIGIBLE,
     cost_scale as cost_scale,
     driving_ranges as driving_ranges,
     scaled as scaled,

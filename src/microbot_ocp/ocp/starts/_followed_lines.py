@@ -57,7 +57,7 @@ def _followed(phase: Phase, guess: Guess) -> Guess:
     for _ in range(STEPS):
         if not (np.isfinite(left).all() and np.isfinite(jacobian).all()):
             return guess
-        inverse = np.linalg.pinv(jacobian * scale, rcond=1e-8)
+        inverse = np.linalg.pinv(jacobian * scale)
         step = -scale * np.einsum("kij,kj->ki", inverse, left)
         for share in STEP_LENGTHS:  # each point takes the longest step that reduces its residual
             tried = np.clip(x + share * step, lower, upper)

@@ -8,7 +8,7 @@ from functools import partial
 import casadi as ca
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp._base.quiet import quiet
 from microbot_ocp.ocp.problem import OptimalControlProblem, Phase, Range, Variable, parts_of
 from microbot_ocp.ocp.transcription import Guess, Guesses, GuessValue, interpolate, sampled
@@ -163,7 +163,7 @@ class Rollouts:
                 clipped = np.clip(part, state.lower, state.upper)
                 values[state.name] = partial(interpolate, clipped)
                 last[state.name] = clipped[-1]
-                size = np.maximum(np.abs(clipped).max(axis=0), 1e-6)
+                size = np.maximum(np.abs(clipped).max(axis=0), ROUNDING)
                 ends = sampled(phase_guess.values.get(state.name), state, np.array([0.0, 1.0]))
                 usual = np.abs(ends).max(axis=0)
                 if np.any(size > EXPLODED * np.maximum(usual, 1.0)):
@@ -221,9 +221,6 @@ def _at_start(guess: Guess, variable: Variable) -> FloatArray:
     return sampled(guess.values.get(variable.name), variable, np.zeros(1))[0]
 
 
-RELATIVE_TOLERANCE, ABSOLUTE_TOLERANCE = 1e-6, 1e-10  # tolerances of the integrator
-
-
 class _Integrators:
     """Integrators of the dynamics of a phase over a fraction of its time, at constant controls."""
 
@@ -245,8 +242,8 @@ class _Integrators:
         if phase.algebraics:
             dae |= {"z": algebraic, "alg": equations}
         self.z = np.concatenate([*(_at_start(guess, a) for a in phase.algebraics), np.zeros(0)])
-        options = {"abstol": ABSOLUTE_TOLERANCE, "reltol": RELATIVE_TOLERANCE, "max_num_steps": 500}
-        options |= {"show_eval_warnings": False, "disable_internal_warnings": True}
+        options = {"max_num_steps": 500, "show_eval_warnings": False}
+        options |= {"disable_internal_warnings": True}
         kind, until = "idas" if phase.algebraics else "cvodes", GRID[1 : MIDDLE + 1]
         self.half = ca.integrator("rollout", kind, dae, 0.0, until, options)
 

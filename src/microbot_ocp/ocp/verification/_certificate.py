@@ -36,8 +36,8 @@ class Thresholds:
     excess: float = 1e-3
     feasibility: float = 1e-6
     stationarity: float = 1e-5
-    complementarity: float = 1e-5
-    sign: float = 1e-5
+    complementarity: float = stationarity
+    sign: float = stationarity
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,6 @@ from microbot_ocp.ocp.transcription.schemes import (
 from microbot_ocp.ocp.verification._certificate import CostCheck
 from microbot_ocp.ocp.verification._reintegration import Integrated, each_interval
 
-TINY = 1e-12  # least size of a cost, so that a zero cost has a relative error
 Values = Mapping[str, FloatArray]  # tables [size, M] of variables or rates by name
 
 
@@ -173,7 +172,8 @@ def check_cost(
     parts = np.concatenate([recomputed.costs for recomputed in phases])
     integrals = sum(float(recomputed.costs.sum()) for recomputed in integrated)
     ends = sum(float(each.costs[each.phase.mesh.size - 1 :].sum()) for each in phases)
-    return CostCheck(given, float(parts.sum()), integrals + ends, max(np.abs(parts).sum(), TINY))
+    size = max(float(np.abs(parts).sum()), np.finfo(float).eps)  # a zero cost has an error too
+    return CostCheck(given, float(parts.sum()), integrals + ends, size)
 
 
 def parts_of(
