@@ -26,7 +26,7 @@ from microbot_ocp.ocp.arcs import (
 )
 from microbot_ocp.ocp.problem import Phase
 from microbot_ocp.ocp.solution import PhaseSolution, Solution
-from microbot_ocp.ocp.switching._cutter import SHORTEST_ARC, VANISHED_ARC
+from microbot_ocp.ocp.switching._cutter import BOUND_MARGIN, SHORTEST_ARC, VANISHED_ARC
 from microbot_ocp.ocp.transcription import labels_of
 from microbot_ocp.ocp.transcription.schemes import Collocation
 from microbot_ocp.ocp.verification import runs
@@ -152,9 +152,6 @@ def _part(
     return PlannedArc(begin, end, tuple(signature), max(intervals, LEAST_INTERVALS))
 
 
-REACHED = 1e-5  # distance at which a limit of the states is reached, relative to its range
-
-
 def _met_on(plan: ArcPlan, piece: PhaseSolution, begin: float, end: float) -> list[tuple[int, int]]:
     """Return (column, side) of the state limits that are reached on a part of an arc."""
     first = max(int(np.searchsorted(piece.mesh, begin, side="right")) - 1, 0)
@@ -164,7 +161,7 @@ def _met_on(plan: ArcPlan, piece: PhaseSolution, begin: float, end: float) -> li
         if column.limit is None or column.limit.mixed:
             continue
         values = column.limit.along(piece.values, plan.declared.states)[first : last + 1]
-        sides = column.limit.sides(values, REACHED * column.limit.range)
+        sides = column.limit.sides(values, BOUND_MARGIN * column.limit.range)
         if np.any(sides):
             met.append((k, int(sides[sides != 0][0])))
     return met

@@ -330,9 +330,6 @@ def _component(name: str, component: int) -> str:
     return f"{name}[{component}]" if component else name
 
 
-WORTHLESS = 1e-4  # price below which an arc is dropped, relative to the cost
-
-
 def verify(
     problem: OptimalControlProblem | Transcription,
     solution: Solution,
@@ -385,7 +382,8 @@ def verify(
     point, pairs = judged.point, list(zip(judged.phases, judged.derivatives, strict=True))
     costates = tuple(costates_of(phase, part, point.lam_g) for phase, part in pairs)
     hamiltonians = tuple(hamiltonian_of(phase, part, point.lam_x) for phase, part in pairs)
-    worth = WORTHLESS * cost_size(solution.cost, solution.cost_scale)
+    # An arc with a price within the allowed gap is dropped.
+    worth = judged.passes.gap * cost_size(solution.cost, solution.cost_scale)
     arcs = tuple(arcs_of(judged.dense, point, worth))
     failures = [failure.sentence for failure in judged.failures]
     coarse = any(failure.status is Status.TOO_COARSE for failure in judged.failures)
