@@ -71,17 +71,16 @@ class Relaxation:
     @property
     def subject(self) -> str:
         """Name, place and value of the limit."""
-        kind = {"lower": "lower limit", "upper": "upper limit"}.get(self.side, "value")
-        unit = f" {self.unit}" if self.unit else ""
-        at = _PLACES.get(self.kind, "")
-        return f"{at}{self.name} in phase {self.phase!r} ({kind} {self.limit:.6g}{unit})"
+        kind, at = f"{self.side} limit" if self.side else "value", _PLACES.get(self.kind, "")
+        limit = f"{self.limit:.6g} {self.unit}".rstrip()
+        return f"{at}{self.name} in phase {self.phase!r} ({kind} {limit})"
 
     def __str__(self) -> str:
         if self.amount is None:
             return self.subject
-        unit = f" {self.unit}" if self.unit else ""
+        amount = f"{self.amount:.4g} {self.unit}".rstrip()
         where = f" at t = {self.time:.4g} s" if self.kind == "limit" else ""
-        return f"{self.subject} would have to be relaxed by {self.amount:.4g}{unit}{where}"
+        return f"{self.subject} would have to be relaxed by {amount}{where}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -355,10 +354,10 @@ class _ElasticProgram:
     ) -> Relaxation:
         item = self.items[index]
         label = item.label
-        values = np.concatenate([self.program.row_values(x), x[self.bounded]])[item.rows]
-        worst = int(np.argmax(item.side * values))
+        sizes = np.concatenate([self.program.row_values(x), x[self.bounded]])[item.rows]
         if amount is None:
-            worst = int(np.argmax(item.side * multipliers[self.places[index]]))
+            sizes = multipliers[self.places[index]]
+        worst = int(np.argmax(item.side * sizes))
         return Relaxation(
             phase=label.phase,
             name=label.component_name,

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.threads import makes_scalars
 from microbot_ocp.ocp.problem import Expressions, Phase, as_scalars, operations
 from microbot_ocp.ocp.solution import PhaseSolution, unpack
 from microbot_ocp.ocp.transcription import Program
@@ -224,6 +225,7 @@ _OPERATIONS: dict[int, Callable[[float, float], str]] = {
 }
 
 
+@makes_scalars
 def _cause(
     function: ca.Function, symbols: Sequence[tuple[str, ca.MX]], point: Sequence[FloatArray]
 ) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
@@ -115,9 +116,12 @@ def _add_free(phase: Phase, parameter: Variable) -> None:
 
 def renamed(expression: ca.MX, phase: Phase, copy: Phase) -> ca.MX:
     """Return an expression of one phase in the symbols of its copy."""
-    old, new = ([i.symbol for kind in _SYMBOLIC for i in getattr(p, kind)] for p in (phase, copy))
-    times = [[p.time, p.duration] for p in (phase, copy)]
-    return ca.graph_substitute(ca.MX(expression), [*old, *times[0]], [*new, *times[1]])
+
+    def symbols(of: Phase) -> list[ca.MX]:
+        items = (item for kind in _SYMBOLIC for item in getattr(of, kind))
+        return [*(item.symbol for item in items), *of.rates.values(), of.time, of.duration]
+
+    return ca.graph_substitute(ca.MX(expression), symbols(phase), symbols(copy))
 
 
 def copied(phase: Phase, name: str, linked: Sequence[str]) -> Phase:
@@ -127,32 +131,23 @@ def copied(phase: Phase, name: str, linked: Sequence[str]) -> Phase:
     """
     duplicate = replace(phase, name=name, **{kind: [] for kind in _SYMBOLIC})
     defined = {c.defines for c in phase.point_constraints}
-    old: list[ca.MX] = [phase.time, phase.duration]
-    new: list[ca.MX] = [duplicate.time, duplicate.duration]
 
     def fresh(item: Any) -> Any:
         if item in phase.free_parameters and item.name not in defined:
             return item
         label = item.name.replace(repr(phase.name), repr(name))
         symbol = ca.MX.sym(f"{name}.{label}", item.symbol.shape[0])
-        old.append(item.symbol)
-        new.append(symbol)
         own = "expression" if isinstance(item, Variable) else "symbol"
         changes: dict[str, Any] = {"name": label, own: symbol}
-        if (rate := getattr(item, "rate", None)) is not None:
+        if getattr(item, "rate", None) is not None:
             changes["rate"] = ca.MX.sym(f"{name}.{label}.rate", item.size)
-            old.append(rate)
-            new.append(changes["rate"])
         if item.name in linked:
             changes["initial"] = None
         return replace(item, **changes)
 
     for kind in _SYMBOLIC:
         setattr(duplicate, kind, [fresh(item) for item in getattr(phase, kind)])
-
-    def renewed(expression: ca.MX) -> ca.MX:
-        return ca.graph_substitute(expression, old, new)
-
+    renewed = partial(renamed, phase=phase, copy=duplicate)
     duplicate.derivatives = {k: renewed(e) for k, e in phase.derivatives.items()}
     for kind in ("algebraic_equations", "running_costs", "end_costs"):
         setattr(duplicate, kind, [renewed(e) for e in getattr(phase, kind)])

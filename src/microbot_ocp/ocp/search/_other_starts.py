@@ -26,7 +26,14 @@ from microbot_ocp._base.status import Status
 from microbot_ocp.ocp.diagnosis import NotFinite, finite_start
 from microbot_ocp.ocp.problem import OptimalControlProblem
 from microbot_ocp.ocp.refinement import BARRIER_NEAR_BOUNDS, PASSING, named
-from microbot_ocp.ocp.solution import AGREEING_STARTS, Attempt, Solution, StartingPoint, cost_size
+from microbot_ocp.ocp.solution import (
+    AGREEING_STARTS,
+    Attempt,
+    Given,
+    Solution,
+    StartingPoint,
+    cost_size,
+)
 from microbot_ocp.ocp.solvers import SolveContext, Solvers, run_chain, with_cost_scale
 from microbot_ocp.ocp.starts import (
     NEGLIGIBLE,
@@ -42,8 +49,7 @@ from microbot_ocp.ocp.transcription import (
     Guess,
     GuessValue,
     Transcription,
-    guess_table,
-    interpolate,
+    sampled,
 )
 
 # Relative differences of cost.
@@ -58,7 +64,6 @@ MOST_CURVES = 24  # random curves, tried if many starts are wanted
 
 WAY = "from another start"
 CUT_SHORT = "It was not compared with all other starts for want of time."
-Given = Mapping[str, Guess] | Solution | str | None
 Pair = tuple[FloatArray, FloatArray]
 
 
@@ -138,19 +143,13 @@ def on_any_mesh(guess: Given, problem: OptimalControlProblem) -> Given:
     """Return a guess with functions in place of tables, whose rows count as evenly spaced."""
     if not isinstance(guess, Mapping):
         return guess
-    sizes = {p.name: {v.name: v.size for v in p.variables} for p in problem.phases}
     guesses = {}
-    for name, each in guess.items():
-        values = {k: _as_function(v, sizes[name].get(k, 1)) for k, v in each.values.items()}
-        guesses[name] = replace(each, values=values)
+    for phase in problem.phases:
+        if phase.name in guess:
+            given, known = guess[phase.name], {v.name: v for v in phase.variables}
+            values = {k: partial(sampled, v, known[k]) for k, v in given.values.items()}
+            guesses[phase.name] = replace(given, values=values)
     return guesses
-
-
-def _as_function(value: GuessValue, size: int) -> GuessValue:
-    if callable(value) or np.ndim(value) == 0:
-        return value
-    table = guess_table(value, size, np.zeros(1))
-    return partial(interpolate, table.reshape(-1, table.shape[-1]))
 
 
 def _solved(coarse: _CoarseSolver, starts: Iterable[dict[str, Guess]]) -> Iterator[Solution]:

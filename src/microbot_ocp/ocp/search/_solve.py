@@ -361,7 +361,7 @@ def _finished(task: SolveTask, way: str, solution: Solution, start: Start) -> tu
         if tried:  # another local optimum may have other sizes
             solution, start = _in_own_scales(task, solution, start)
     first = f"The first try failed; this was found {way}." if way else ""
-    remarks = [k for k in (first, solution.several) if k]
+    remarks = first, solution.several
     if solution.status.solved:
         solution = solution.remarked(*remarks)
     known = solution
@@ -476,7 +476,7 @@ class Strategy:
     ----------
     name : text that follows "found"
     propose : function that yields starts, none if it does not apply, and records its own attempts;
-        its docstring names the kind of problem that needs it
+        the docstring of the function names the kind of problem that needs the strategy
     """
 
     name: str

@@ -267,9 +267,8 @@ class Solution(Hinting, Portable):
         return self.outcome.text
 
     def ended(self, status: Status, *remarks: str) -> Solution:
-        """Return a copy with another status, and remarks on it."""
-        rows = Outcome.of(status).and_(*map(remark, remarks)).advice
-        return replace(self, status=status, rows=rows)
+        """Return a copy with another status, and remarks on it; empty texts are skipped."""
+        return replace(self, status=status, rows=Outcome.of(status).advice).remarked(*remarks)
 
     def remarked(self, *remarks: str) -> Solution:
         """Return a copy with further remarks; empty texts are skipped."""

@@ -79,10 +79,8 @@ def scaled(problem: OptimalControlProblem, guess: Given = None) -> OptimalContro
         given = completed(problem, guess) if isinstance(guess, str) else guess
     ordinary = default_guess(problem)
     estimates = [
-        _SizeEstimate(
-            phase, given.get(phase.name), ordinary[phase.name], least_sizes.get(phase.name, {})
-        )
-        for phase in problem.phases
+        _SizeEstimate(p, given.get(p.name, Guess()), ordinary[p.name], least_sizes.get(p.name, {}))
+        for p in problem.phases
     ]
     if any(np.isnan(k.sizes[s.name]).any() for k in estimates for s in k.phase.states):
         for simulated in rollouts(problem, {k: given.get(k, g) for k, g in ordinary.items()}):
@@ -175,20 +173,17 @@ class _SizeEstimate:
     def __init__(
         self,
         phase: Phase,
-        given: Guess | None,
+        given: Guess,
         ordinary: Guess,
         least_sizes: Mapping[str, FloatArray],
     ) -> None:
         self.phase = phase
         self.variables = phase.variables
         self.unscaled = [v for v in self.variables if not v.scaled]
-        guessed = np.nan if given is None or given.duration is None else float(given.duration)
         # An invalid duration is rejected where the guess is used.
-        if not (np.isfinite(guessed) and guessed > 0):
-            guessed = float(ordinary.duration or 1.0)
-        self.duration = guessed
-        self.share = np.linspace(0.0, 1.0, POINTS)
-        values = {} if given is None else given.values
+        guessed = float(given.duration or np.nan)
+        self.duration = guessed if 0 < guessed < np.inf else float(ordinary.duration or 1.0)
+        self.share, values = np.linspace(0.0, 1.0, POINTS), given.values
         self.tables = {
             v.name: sampled(values.get(v.name, ordinary.values.get(v.name, 0.0)), v, self.share)
             for v in self.variables

@@ -79,7 +79,8 @@ def sampled(value: GuessValue | None, variable: Variable, fractions: FloatArray)
     """
     nearest = np.clip(0.0, variable.lower, variable.upper)
     table = guess_table(nearest if value is None else value, variable.size, fractions)
-    table = table[:, 0] if table.ndim == 3 else table
+    if table.ndim == 3:  # values at the points of a scheme
+        table = table.reshape(-1, table.shape[-1])
     if table.ndim != 2 or len(table) == 0 or table.shape[1] != variable.size:
         return np.zeros((fractions.size, variable.size))
     return np.array(table) if len(table) == fractions.size else interpolate(table, fractions)
