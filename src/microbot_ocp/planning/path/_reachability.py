@@ -44,7 +44,6 @@ from microbot_ocp.planning.path._limits import (
 from microbot_ocp.planning.task import DRY, VISCOUS, friction
 
 SETTLED_CHANGE = 1e-4  # relative change of a duration that ends the doubling of the grid
-SERIES_BELOW = 1e-4  # value of k t^2 below which a series replaces sinh and sin
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,8 +143,7 @@ def _sinh_over(z: FloatArray) -> FloatArray:
     """Return sinh(r)/r for r = sqrt(z), or sin(r)/r for negative z."""
     r = np.sqrt(np.abs(z))
     with np.errstate(divide="ignore", invalid="ignore"):
-        far = np.where(z > 0, np.sinh(r), np.sin(r)) / r
-    return np.where(r**2 < SERIES_BELOW, 1.0 + z / 6.0 * (1.0 + z / 20.0), far)
+        return np.where(r > 0, np.where(z > 0, np.sinh(r), np.sin(r)) / r, 1.0)
 
 
 # Places of an interval at which limits are checked, shares.
@@ -325,19 +323,18 @@ def _passes(
 
 
 def _durations(x: FloatArray, step: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
-    """Return the durations [N] of intervals, s'' = a + k (s - s_i); infinite if x stays zero."""
-    k, v0, v1 = (end - start) / step, np.sqrt(x[:-1]), np.sqrt(x[1:])
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        usual = 2.0 * step / (v0 + v1)
+    """Return the durations [N] of intervals, s'' = a + k (s - s_i); infinite if x stays zero.
+
+    With v = s' at both ends, ``w (s_1 - s_0) / (v_0 + v_1)`` is the hyperbolic (k > 0) or circular
+    tangent of half the angle ``w t``, w = sqrt|k|.
+    """
+    k = (end - start) / step
+    with np.errstate(divide="ignore", invalid="ignore"):
+        steady = 2.0 * step / (np.sqrt(x[:-1]) + np.sqrt(x[1:]))
         w = np.sqrt(np.abs(k))
-        # (u, sqrt|k| s') rotates by the angle sqrt|k| t, a hyperbolic one for positive k.
-        grown, shrunk = (end + w * v1, start + w * v0), (end - w * v1, start - w * v0)
-        larger = np.abs(grown[0]) + np.abs(grown[1]) > np.abs(shrunk[0]) + np.abs(shrunk[1])
-        hyperbolic = np.where(larger, np.log(grown[0] / grown[1]), -np.log(shrunk[0] / shrunk[1]))
-        circular = np.arctan2(start * w * v1 * -1.0 + end * w * v0, start * end + w * v0 * w * v1)
-        exact = np.where(k > 0, hyperbolic, np.abs(circular)) / w
-        series = usual * (1.0 + k * usual**2 / 12.0)
-        return np.where(np.abs(k) * usual**2 < SERIES_BELOW, series, exact)
+        half = 0.5 * w * steady
+        bent = 2.0 / w * np.where(k > 0, np.arctanh(half), np.arctan(half))
+    return np.where(k == 0, steady, bent)
 
 
 LEAST_DIVISOR = 1e-8  # smallest magnitude of a divisor, relative to its terms
