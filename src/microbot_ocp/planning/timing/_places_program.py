@@ -153,6 +153,20 @@ def _point(kinds: LimitKinds, common: int) -> ca.Function:
     return ca.Function("point", [w, c], [values, ca.MX(0)])
 
 
+def advanced(v: Any, a: Any, j: Any, change: Any, time: Any) -> tuple[Any, Any, Any, Any]:
+    """Return the way travelled in a time, and s', s'' and s''' after it, of numbers or expressions.
+
+    It begins with v = s', a = s'' and j = s''', which is linear in time and changes by ``change``:
+    equations (8) to (10) of docs/theory/path_timing.md.
+    """
+    return (
+        time * (v + time / 2.0 * (a + time / 3.0 * (j + change / 4.0))),
+        v + time * (a + time / 2.0 * (j + change / 3.0)),
+        a + time * (j + change / 2.0),
+        j + change,
+    )
+
+
 def _interval(kinds: LimitKinds, common: int) -> ca.Function:
     """Return the rows of docs/theory/path_timing.md, "One program on places", and the cost.
 
@@ -165,27 +179,27 @@ def _interval(kinds: LimitKinds, common: int) -> ca.Function:
     w, c = ca.MX.sym("w", 6), ca.MX.sym("c", sum(sizes))
     v, a, h, v_end, a_end, d = ca.vertsplit(w)
     shared, start, end, middle, step = ca.vertsplit(c, np.cumsum([0, *sizes]).tolist())
-    # Equation (8): s''' = j + d (x - 1/2) at a share x of the interval, with the mean j, and s'' =
-    # a + h (j x - d x (1 - x) / 2). Equations (9) and (10): v and s at its end, v and a in the
-    # middle.
-    j = (a_end - a) / h
-    a_middle = 0.5 * (a + a_end) - h * d / 8.0
-    v_middle = v + h * (3.0 * a + a_end) / 8.0 - h**2 * d / 24.0
-    gained = 0.5 * h * (a + a_end) - h**2 * d / 12.0
-    travelled = h * v + h**2 * (2.0 * a + a_end) / 6.0 - h**3 * d / 24.0
+    first = (a_end - a) / h - 0.5 * d
+    last = first + d
+
+    def reached(share: float) -> tuple[Any, ...]:
+        return advanced(v, a, first, share * d, share * h)
+
+    travelled, v_reached, *_ = reached(1.0)
+    _, v_middle, a_middle, mean = reached(0.5)
     values = ca.vertcat(
-        v_end - v - gained,
+        v_end - v_reached,
         step - travelled,
-        _limit_rows(kinds, three, start, shared, (v, a, j - 0.5 * d)),
-        _limit_rows(kinds, three, end, shared, (v_end, a_end, j + 0.5 * d)),
-        _limit_rows(kinds, three, middle, shared, (v_middle, a_middle, j)),
+        _limit_rows(kinds, three, start, shared, (v, a, first)),
+        _limit_rows(kinds, three, end, shared, (v_end, a_end, last)),
+        _limit_rows(kinds, three, middle, shared, (v_middle, a_middle, mean)),
         _limit_rows(kinds, one, middle, shared, (v_middle, a_middle, 0.0)),
         # The speed at the thirds: at the middle alone, s'' would keep a constant error on an arc at
         # the velocity limit.
-        *(v + h * x * (a + h * x * (0.5 * (j - 0.5 * d) + x * d / 6.0)) for x in SPEED_PLACES),
+        *(reached(share)[1] for share in SPEED_PLACES),
     )
-    # Integral of the squared s''' over the interval: h (j^2 + d^2 / 12).
-    rough = h * (j**2 + d**2 / 12.0)
+    # Integral of the squared s''', which is linear, over the interval.
+    rough = h * (first**2 + first * last + last**2) / 3.0
     return ca.Function("interval", [w, c], [values, h + SMOOTHING_WEIGHT * rough])
 
 

@@ -43,6 +43,7 @@ from microbot_ocp.planning.timing._places_program import (
     SPEED_PLACES,
     LimitBounds,
     LimitKinds,
+    advanced,
     program_of,
 )
 from microbot_ocp.robot import COULOMB_SMOOTHING, Robot, torque_and_rate
@@ -88,6 +89,11 @@ class SpeedProfile:
         return cls(curve, timing.s, v, timing.t, a[:-1], a[1:], np.zeros_like(rise))
 
     @property
+    def j(self) -> FloatArray:
+        """Value of s''' at the start of every interval [N]."""
+        return (self.a_end - self.a) / np.diff(self.t) - 0.5 * self.d
+
+    @property
     def duration(self) -> float:
         """Duration, s."""
         return float(self.t[-1])
@@ -99,12 +105,9 @@ class SpeedProfile:
 
     def inside(self, i: np.ndarray, after: FloatArray) -> tuple[FloatArray, ...]:
         """Return s and its three derivatives at times after the start of intervals i."""
-        # s''' = j + d t / h with its initial value j, integrated three times.
-        h, a, d = np.diff(self.t)[i], self.a[i], self.d[i]
-        j, k = (self.a_end[i] - a) / h - 0.5 * d, after * d / h
-        v = self.v[i] + after * (a + after * (j / 2.0 + k / 6.0))
-        s = self.s[i] + after * (self.v[i] + after * (a / 2.0 + after * (j / 6.0 + k / 24.0)))
-        return s, v, a + after * (j + k / 2.0), j + k
+        change = after * (self.d / np.diff(self.t))[i]
+        way, *rates = advanced(self.v[i], self.a[i], self.j[i], change, after)
+        return self.s[i] + way, *rates
 
     def samples(self, i: np.ndarray, after: FloatArray) -> MotionSamples:
         """Return the motion of the joints at times after the start of intervals i."""
@@ -128,14 +131,14 @@ class SpeedProfile:
         The solver's residual of 1e-11 in s, divided by the third power of a short step, would be a
         visible jerk.
         """
-        h, a, b, d = np.diff(self.t), self.a, self.a_end, self.d
-        v = self.v[0] + np.append(0.0, np.cumsum(0.5 * h * (a + b) - h**2 * d / 12.0))
-        step = h * v[:-1] + h**2 * (2.0 * a + b) / 6.0 - h**3 * d / 24.0
-        way = np.append(0.0, np.cumsum(step))
+        rest = self.a, self.j, self.d, np.diff(self.t)
+        v = self.v[0] + np.append(0.0, np.cumsum(advanced(0.0, *rest)[1]))
+        way = np.append(0.0, np.cumsum(advanced(v[:-1], *rest)[0]))
         # The ratio differs from one by the residual of equation (9) only.
         ratio = np.ptp(self.s) / way[-1]
         s = self.s[0] + ratio * way
-        return replace(self, s=s, v=ratio * v, a=ratio * a, a_end=ratio * b, d=ratio * d)
+        a, a_end, d = (ratio * part for part in (self.a, self.a_end, self.d))
+        return replace(self, s=s, v=ratio * v, a=a, a_end=a_end, d=d)
 
 
 FINER_BARRIER = 1e-7  # barrier parameter of a solve from a coarser mesh
@@ -211,11 +214,10 @@ def _switching(profile: SpeedProfile) -> np.ndarray:
 
     The loss by a jump inside an interval is proportional to the jump and the squared interval.
     """
-    h = np.diff(profile.t)
-    mean = (profile.a_end - profile.a) / h
-    jumps = np.abs(np.diff(mean) - 0.5 * (profile.d[1:] + profile.d[:-1]))
+    jumps = np.abs(profile.j[1:] - (profile.j + profile.d)[:-1])
     # A jump lies between two intervals, so both get its loss.
-    loss = (np.maximum(np.append(jumps, 0.0), np.append(0.0, jumps)) + np.abs(profile.d)) * h**2
+    jumps = np.maximum(np.append(jumps, 0.0), np.append(0.0, jumps)) + np.abs(profile.d)
+    loss = jumps * np.diff(profile.t) ** 2
     return loss > loss.mean()
 
 
