@@ -165,7 +165,8 @@ def test_no_profile_on_the_same_grid_is_faster(path):
                 matrix += [row[kept], -row[kept]]
                 bound += [(high - rest)[kept], (rest - low)[kept]]
     matrix, bound = np.vstack(matrix), np.concatenate(bound)
-    curve, reached = timing._parts[0]
+    along, reached = timing.parts[0]
+    curve = along.curve
     start, end = (curve.pieces[0].unit * change for change in (reached.start, reached.end))
     chosen = np.concatenate([timing.speed**2, start])
     assert np.all(matrix @ chosen <= bound + 1e-6)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from microbot_ocp._base import checks, deadline
 from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.status import Status
-from microbot_ocp.limits import JointLimits, Limits
+from microbot_ocp.limits import JointLimits, LimitFamily, Limits
 from microbot_ocp.motion import JUMP_GAP, SAMPLE_STEP, Motion, PiecewisePolynomial, State, numbered
 from microbot_ocp.planning.path._curve import PathCurve, check_path, samples_along, segments
 from microbot_ocp.planning.path._limits import LATER, limits_kept_by
@@ -41,6 +41,8 @@ class PathTiming:
     limits_kept_by : dict
         Names of the limits kept as half planes ("reachability"), as bounds of ds/dt ("speed
         bound"), and **not** kept ("program on places").
+    parts : tuple of (CurveLimits, Reached)
+        Limits and timing of each segment between two stops.
     """
 
     robot: Robot
@@ -50,7 +52,7 @@ class PathTiming:
     t: FloatArray
     blocked_at: float
     limits_kept_by: dict[str, list[str]]
-    _parts: tuple[tuple[PathCurve, Reached], ...]
+    parts: tuple[tuple[CurveLimits, Reached], ...]
 
     @property
     def solved(self) -> bool:
@@ -76,7 +78,7 @@ class PathTiming:
             raise checks.InputError(
                 f"the path cannot be travelled within the limits beyond s = {self.blocked_at:g}"
             )
-        t, state, breaks = sampled(self._parts)
+        t, state, breaks = sampled([(along.curve, reached) for along, reached in self.parts])
         unkept = ", ".join(self.limits_kept_by[LATER])
         return Motion.from_state(
             self.robot,
@@ -156,21 +158,35 @@ def time_path(
     checks.whole("grid", grid, "points", at_least=10)
     family = check_limits(robot, limits)
     curves = segments(path, check_path(family, path))
-    moving, fast = with_locked_joints_held(family, None), compiles(compiled)
+    moving = with_locked_joints_held(family, None)
+    free, fast = (start_free, end_free), compiles(compiled)
+    return replace(timed(moving, path, curves, grid, time_limit, fast, free), robot=family.robot)
+
+
+def timed(
+    family: LimitFamily,
+    path: PiecewisePolynomial,
+    curves: Sequence[PathCurve],
+    grid: int,
+    time_limit: float,
+    fast: bool,
+    free: tuple[bool | None, bool | None] = (None, None),
+) -> PathTiming:
+    """Return the timing of a path by the curves between its stops, as :func:`time_path`."""
     parts, s, speed, t, blocked, kept_by = [], [], [], [], [], {}
     begin, start = float(path.breaks[0]), 0.0
     with deadline.within(time_limit):
         for index, curve in enumerate(curves):
             if index and deadline.over():
                 break
-            along = CurveLimits.of(moving, curve, grid, fast)
+            along = CurveLimits.of(family, curve, grid, fast)
             reached = reach(
                 along,
-                start_free=start_free if index == 0 else None,
-                end_free=end_free if index == len(curves) - 1 else None,
+                start_free=free[0] if index == 0 else None,
+                end_free=free[1] if index == len(curves) - 1 else None,
             )
             kept_by = kept_by or limits_kept_by(along.limits)
-            parts.append((curve, reached))
+            parts.append((along, reached))
             place, slope = curve.parameter(reached.s)
             s.append(begin + place)
             factor = 1.0 if reached.feasible else np.nan
@@ -189,7 +205,7 @@ def time_path(
         t=np.concatenate(t),
         blocked_at=blocked[0] if blocked else float("nan"),
         limits_kept_by=kept_by,
-        _parts=tuple(parts),
+        parts=tuple(parts),
     )
 
 

@@ -18,16 +18,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from microbot_ocp._base import checks, deadline
+from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import compiles
-from microbot_ocp._base.status import Status
-from microbot_ocp.limits import JointLimits, LimitFamily, Limits
+from microbot_ocp.limits import JointLimits, Limits
 from microbot_ocp.motion import PiecewisePolynomial
-from microbot_ocp.planning.path._curve import TINY, PathCurve, segments, stops
+from microbot_ocp.planning.path._curve import TINY, segments, stops
+from microbot_ocp.planning.path._fast_timing import PathTiming, timed
 from microbot_ocp.planning.path._limits import FAR, NEGLIGIBLE, LimitRows, Nodes, PathLimits
-from microbot_ocp.planning.path._reachability import CurveLimits, Reached, reach
-from microbot_ocp.planning.task import VISCOUS, check_limits, friction
+from microbot_ocp.planning.path._reachability import CurveLimits, Reached
+from microbot_ocp.planning.task import VISCOUS, check_limits
 from microbot_ocp.robot import Robot
 
 
@@ -61,45 +61,30 @@ class LimitArc(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class PhasePlane:
-    """Bounds and best profile of the speed ds/dt along a path.
+class PhasePlane(PathTiming):
+    """Bounds and best profile of the speed ds/dt along a path, with its timing.
 
     Attributes
     ----------
-    s : array [N]
-        Path parameter of the grid points; an inner stop has two points.
-    speed : array [N]
-        ds/dt of the best timing; NaN without one.
-    torque_bound : array [N]
+    torque_bound : array [N+1]
         Maximum-velocity curve: largest ds/dt at which limits of torque and acceleration allow an
         acceleration; infinite if they do at any speed.
-    velocity_bound : array [N]
+    velocity_bound : array [N+1]
         Largest ds/dt within the velocity limits.
-    least : array [N]
+    least : array [N+1]
         Smallest ds/dt at which the limits allow an acceleration; 0 if the arm can rest.
-    velocity_joint : array [N]
+    velocity_joint : array [N+1]
         Index of the joint whose velocity limit is the tightest; -1 if a limit of another kind, such
         as the tool's speed, is tighter.
     arcs : tuple of LimitArc
         Parts of the profile by their active limit, in order.
-    duration : float
-        Duration, s; NaN if the path is infeasible or the time was over.
-    blocked_at : float
-        Path parameter from which the end cannot be reached; NaN on a feasible path.
-    status : Status
-        Solved, infeasible, or "time limit", in which case the arrays cover the finished segments.
     """
 
-    s: FloatArray
-    speed: FloatArray
     torque_bound: FloatArray
     velocity_bound: FloatArray
     least: FloatArray
     velocity_joint: np.ndarray
     arcs: tuple[LimitArc, ...]
-    duration: float
-    blocked_at: float
-    status: Status = Status.SOLVED
 
     @property
     def feasible(self) -> bool:
@@ -173,59 +158,35 @@ def phase_plane(
         raise InputError(f"path must have {count} joints, not {path.coefficients.shape[2]}")
     checks.whole("grid", grid, "points", at_least=10)
     family = check_limits(robot, limits)
-    begin, parts = float(path.breaks[0]), []
     curves = segments(path, stops(path, family))
-    with deadline.within(time_limit):
-        for curve in curves:
-            if parts and deadline.over():
-                break
-            parts.append(_segment(family, curve, begin, grid))
-            begin = float(parts[-1].s[-1])
-    joined = {
-        name: np.concatenate([getattr(part, name) for part in parts])
-        for name in ("s", "speed", "torque_bound", "velocity_bound", "least", "velocity_joint")
-    }
-    blocked = [part.blocked_at for part in parts if not part.feasible]
-    late = len(parts) < len(curves)
-    status = deadline.status() if late else Status.SOLVED
-    return PhasePlane(
-        **joined,
-        arcs=tuple(arc for part in parts for arc in part.arcs),
-        duration=float("nan") if late else sum(part.duration for part in parts),
-        blocked_at=blocked[0] if blocked else float("nan"),
-        status=Status.INFEASIBLE if blocked else status,
-    )
+    timing = timed(family, path, curves, grid, time_limit, compiles())
+    ends = np.cumsum([reached.s.size for _, reached in timing.parts])
+    bounds, arcs = [], list[LimitArc]()
+    for (along, reached), s in zip(timing.parts, np.split(timing.s, ends), strict=False):
+        bounds.append(_bounds(along))
+        if reached.feasible:
+            arcs += _arcs(s, reached, along)
+    joined = {name: np.concatenate([part[name] for part in bounds]) for name in bounds[0]}
+    return PhasePlane(**vars(timing), **joined, arcs=tuple(arcs))
 
 
-def _segment(family: LimitFamily, curve: PathCurve, begin: float, grid: int) -> PhasePlane:
-    """Compute the phase plane between two stops, from the regular parameter of the curve."""
-    along = CurveLimits.of(family, curve, grid, compiles())
-    timing = reach(along)
-    nodes, rows = along.nodes, along.rows
+def _bounds(along: CurveLimits) -> dict[str, np.ndarray]:
+    """Return the bounds of a phase plane between two stops, by the names of its arrays."""
+    nodes, rows, size = along.nodes, along.rows, along.s.size
     viscous = np.zeros_like(rows.per_x)
     columns, joints = rows.torques
-    viscous[:, columns] = friction(family.robot, VISCOUS)[joints] * nodes.tangent[:, joints]
+    coefficients = along.limits.family.robot.friction_of(VISCOUS)
+    viscous[:, columns] = coefficients[joints] * nodes.tangent[:, joints]
     least, most = speed_range(rows, viscous)
-    size = timing.s.size
     least = _at_points(nodes, size, least, np.maximum)
     most = _at_points(nodes, size, most, np.minimum)
-    fastest = np.sqrt(along.speed_limit)
-    place, scale = curve.parameter(timing.s)
-    profile = np.sqrt(timing.speed_squared) if timing.feasible else np.full(size, np.nan)
-    if timing.feasible and along.has_friction:
-        rows = rows.with_friction(nodes, family.robot, timing.speed_squared)
-    s = begin + place
-    return PhasePlane(
-        s=s,
-        speed=profile * scale,
-        torque_bound=most * scale,
-        velocity_bound=np.where(fastest >= np.sqrt(FAR), np.inf, fastest * scale),
-        least=least * scale,
-        velocity_joint=_fastest_joint(along.limits, size),
-        arcs=tuple(_arcs(s, timing, rows, along)) if timing.feasible else (),
-        duration=timing.duration if timing.feasible else float("nan"),
-        blocked_at=float(np.interp(timing.blocked_at, timing.s, s)),
-    )
+    fastest, scale = np.sqrt(along.speed_limit), along.curve.parameter(along.s)[1]
+    return {
+        "torque_bound": most * scale,
+        "velocity_bound": np.where(fastest >= np.sqrt(FAR), np.inf, fastest * scale),
+        "least": least * scale,
+        "velocity_joint": _fastest_joint(along.limits, size),
+    }
 
 
 def speed_range(rows: LimitRows, per_v: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -323,8 +284,11 @@ ON_LIMIT = 0.005  # distance that counts as on the limit, per range of the limit
 SHORTEST_ARC = 3  # smallest number of grid intervals of an arc
 
 
-def _arcs(s: FloatArray, timing: Reached, rows: LimitRows, along: CurveLimits) -> list[LimitArc]:
+def _arcs(s: FloatArray, timing: Reached, along: CurveLimits) -> list[LimitArc]:
     """Return the runs of grid intervals on one limit; short runs join the one before."""
+    rows = along.rows
+    if along.has_friction:
+        rows = rows.with_friction(along.nodes, along.limits.family.robot, timing.speed_squared)
     names, room = _room(timing, rows, along.nodes, along.limits)
     nearest = room.argmin(axis=1)
     on = np.where(room[np.arange(len(room)), nearest] <= ON_LIMIT, nearest, -1)
