@@ -23,7 +23,7 @@ from microbot_ocp.planning.free import (
 )
 from microbot_ocp.planning.free._flat_loops import NumpyLoops
 from microbot_ocp.planning.free._flat_program import GROSS_EXCESS, FlatProgram
-from microbot_ocp.planning.task import SMOOTHING, WINDOW, dry_friction, passing, task_of
+from microbot_ocp.planning.task import SMOOTHING, WINDOW, Task, dry_friction, task_of
 from planning.shared import VIA_Q, arm
 
 needs_a_compiler = pytest.mark.skipif(codegen.compiler() is None, reason="there is no C compiler")
@@ -102,7 +102,9 @@ def test_derivatives_of_distances_are_those_of_differences(microbot):
     robot = microbot.with_capsules(mo.robot.link_capsules(microbot))
     bodies = mo.scene.Sphere([0.5, 0.5, 0.5], 0.1), mo.scene.Box([0.2, 0.3, 0.4], [0.8, -0.6, 0.2])
     among = robot.with_limits(also=[mo.Scene(bodies).limit(robot)])
-    conditions = replace(passing(robot, VIA_Q), robots=(among, robot))
+    conditions = replace(
+        Task.through(LimitFamily.of(robot), VIA_Q).conditions, robots=(among, robot)
+    )
     program, x = uneven_program(among, VIA_Q, conditions=conditions)
     assert {entry.name for block in program.layouts[0].rows for entry in block.entries} > {
         "distance"

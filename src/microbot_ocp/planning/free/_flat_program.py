@@ -51,13 +51,7 @@ from microbot_ocp.planning.free._point_limits import (
 )
 from microbot_ocp.planning.free._problem import JERK_WEIGHT, free_problem, phase_shapes, scale_of
 from microbot_ocp.planning.free._spline import DEGREE, SplineLayout, spline_layout
-from microbot_ocp.planning.task import (
-    Conditions,
-    TaskScale,
-    dry_friction,
-    has_windows,
-    passing,
-)
+from microbot_ocp.planning.task import Conditions, Task, TaskScale, dry_friction, has_windows
 from microbot_ocp.robot import Robot
 
 DUAL = 1e-6  # tolerance of stationarity, scaled
@@ -163,15 +157,15 @@ class FlatTranscription:
         """Key of the kinds of joint limits and of the jumps of accelerations."""
         keys = (*POINT_KEYS, "taud", "qddd")
         limits = [f.robot.limits.bounds(key) for f in self.families for key in keys]
-        return np.isfinite(limits).tobytes() + bytes(
-            end.acceleration_jumps for end in self.conditions.ends
-        )
+        return np.isfinite(limits).tobytes() + bytes(self._jumps)
+
+    @property
+    def _jumps(self) -> list[bool]:
+        """True for each via point at which the acceleration jumps; never at both ends."""
+        return [False, *(end.acceleration_jumps for end in self.conditions.ends[1:-1]), False]
 
     def _made(self, meshes: Sequence[FloatArray]) -> FlatStructure:
-        n = self.families[0].robot.joint_count
-        jumps = [end.acceleration_jumps for end in self.conditions.ends]
-        jumps[0] = jumps[-1] = False
-        layout = spline_layout(meshes, n, jumps)
+        layout = spline_layout(meshes, self.families[0].robot.joint_count, self._jumps)
         rows = flat_rows(layout, self.families, self.limits, self.conditions)
         return FlatStructure(rows, *window_places(rows))
 
@@ -501,9 +495,10 @@ def flat_form(
     """
     deadline.check()  # the functions of seven joints take a second
     via = np.frombuffer(via_bytes).reshape(count, -1)
-    given = conditions or passing(robot, via)
+    family = LimitFamily.of(robot)
+    given = conditions or Task.through(family, via).conditions
     families = tuple(LimitFamily.of(moving) for moving in given.robots)
-    size = TaskScale.of(LimitFamily.of(robot), via)
+    size = TaskScale.of(family, via)
     if not _is_flat(families, given, size):
         return None
     # It gives phases their names and parameters: expressions of distances would take a tenth of a

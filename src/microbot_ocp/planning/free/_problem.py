@@ -21,11 +21,11 @@ from microbot_ocp.planning.task import (
     CHECKS_PER_INTERVAL,
     Bounds,
     Conditions,
+    Task,
     TaskScale,
     declare_limits,
     derivatives_for,
     has_windows,
-    passing,
     torques_of,
     windowed_torques,
     without_dry_friction,
@@ -109,7 +109,7 @@ def free_problem(
     is at rest at both ends and passes the other points at any velocity.
     """
     family = LimitFamily.of(robot)
-    conditions = conditions or passing(robot, via)
+    conditions = conditions or Task.through(family, via).conditions
     form = _Form(
         family,
         TaskScale.of(family, via, conditions.velocities),

@@ -53,12 +53,12 @@ from microbot_ocp.planning.task import (
     LDL,
     TIME_LIMIT,
     EndConditions,
+    Task,
     TaskScale,
     bounds_in_program,
     check_limits,
     check_via,
     locked_joints,
-    passing,
     with_drives_noted,
     with_locked_joints_held,
 )
@@ -355,7 +355,7 @@ class TimeOptimalSolver:
                 with_changes(phase, changed) for phase, changed in zip(phases, changes, strict=True)
             )
         family = with_locked_joints_held(problem.family)
-        conditions, widened = passing(family.robot, problem.via), {}
+        conditions, widened = Task.through(family, problem.via).conditions, {}
         if moving is not None:
             q, qd, qdd = (part[0] for part in moving.state)
             given = moving.acceleration_given and family.jerk_matters

@@ -80,7 +80,6 @@ from ._stops import (
     Payload as Payload,
     Row as Row,
     Stop as Stop,
-    passing as passing,
 )
 from ._task import (
     EMPTY as EMPTY,

@@ -13,7 +13,6 @@ import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError, naming
-from microbot_ocp.limits import LimitFamily
 from microbot_ocp.robot import Capsule, Link, Robot, checked_rotations, forward_kinematics
 
 AXES = ("x", "y", "z")
@@ -323,19 +322,3 @@ class Conditions:
         """Velocities [m,n] at the via points; zero if they are not given."""
         bounds = [np.array(end.qd) for end in self.ends]
         return np.array([np.where(low == high, low, 0.0) for low, high in bounds])
-
-
-def passing(robot: Robot, via: FloatArray) -> Conditions:
-    """Return conditions of rest at both ends of via points [m,n] and any velocity at the others."""
-    # Rest under limits of jerks or torque rates includes a zero acceleration, or the rate would
-    # jump at the end.
-    free, rest = np.full(via.shape[1], np.inf), np.zeros(via.shape[1])
-    still = (rest, rest) if LimitFamily.of(robot).jerk_matters else None
-    last = len(via) - 1
-    ends = tuple(
-        EndConditions((q, q), (rest, rest), qdd=still)
-        if k in (0, last)
-        else EndConditions((q, q), (-free, free))
-        for k, q in enumerate(via)
-    )
-    return Conditions((robot,) * last, ends)
