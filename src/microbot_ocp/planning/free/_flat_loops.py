@@ -392,7 +392,7 @@ class CompiledLoops(NumpyLoops):
         n, rows = form.joints, form.rows
         first = PLACES.size * rows * (widest * n + 1) + widest * joints.size * n
         second = (widest**2 + widest) * n**2 + (ORDERS + widest) * n
-        self._work = self._address(np.zeros(max(first, second)))
+        self._work = np.zeros(max(first, second))
 
     def _address(self, array: FloatArray | IntArray | None) -> int | None:
         if array is None:
@@ -412,26 +412,31 @@ class CompiledLoops(NumpyLoops):
             *sizes, *(self._address(array) for part in (given, places, motion) for array in part)
         )
 
-    def _each(self, name: str, *given: Any) -> None:
+    def _each(self, name: str, *given: FloatArray | float) -> None:
         function = getattr(self._library, name)
+        arguments = [
+            ctypes.c_void_p(each.ctypes.data)
+            if isinstance(each, np.ndarray)
+            else ctypes.c_double(each)
+            for each in given
+        ]
         for windows in self._windows:
-            function(ctypes.byref(windows), ctypes.byref(self._form), *given)
+            function(ctypes.byref(windows), ctypes.byref(self._form), *arguments)
 
     def move(self, x: FloatArray, T: FloatArray, q: FloatArray) -> None:
-        self._each("windows_move", _at(x), _at(T), _at(q))
+        self._each("windows_move", x, T, q)
 
     def cost(self, T: FloatArray, gradient: FloatArray) -> float:
         total = np.array([T.sum()])
         durations = gradient[-T.size :]
         durations += 1.0
-        self._each("windows_cost", _at(T), _at(durations), _at(gradient), _at(total))
+        self._each("windows_cost", T, durations, gradient, total)
         return float(total[0])
 
     def jacobian(
         self, T: FloatArray, values: FloatArray, slopes: FloatArray, entries: FloatArray
     ) -> None:
-        work = ctypes.c_void_p(self._work)
-        self._each("windows_jacobian", _at(T), _at(values), _at(slopes), work, _at(entries))
+        self._each("windows_jacobian", T, values, slopes, self._work, entries)
 
     def hessian(
         self,
@@ -445,13 +450,8 @@ class CompiledLoops(NumpyLoops):
         of_cost: float,
         entries: FloatArray,
     ) -> None:
-        arrays = map(_at, (T, values, slopes, blocks, gradient, of_rates, of_jerks))
-        work = ctypes.c_void_p(self._work)
-        self._each("windows_hessian", *arrays, ctypes.c_double(of_cost), work, _at(entries))
-
-
-def _at(array: FloatArray) -> ctypes.c_void_p:
-    return ctypes.c_void_p(array.ctypes.data)
+        given = T, values, slopes, blocks, gradient, of_rates, of_jerks
+        self._each("windows_hessian", *given, of_cost, self._work, entries)
 
 
 WINDOWS = CommonLibrary(
