@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -94,61 +94,41 @@ class FlatLayout:
     @cached_property
     def rows(self) -> tuple[Block, ...]:
         """Blocks of rows: at mesh points first, in the middles of intervals second."""
-        rows, limits = self.rows_of_all, self.rows_of_all.limits[self.index]
-        blocks = []
-        unit = {
-            key: self.family[key].units if key in self.family else () for key, *_ in limits.names
-        }
-        sizes = Counter(key for key, *_ in limits.names)
-        of_limits = [
-            (
-                "constraint",
-                limits.labels[row],
-                k,
-                unit[key][k] if unit[key] else "",
-                limits.scale[row],
-                sizes[key],
-            )
-            for row, (key, k, _) in enumerate(limits.names)
-        ]
-        n = rows.layout.count
+        rows, family, scales = self.rows_of_all, self.family, self.scales
+        n, limits = rows.layout.count, rows.limits[self.index]
+
+        def of_joints(kind: str, name: str, key: str, scale: FloatArray, joints: Any) -> Any:
+            unit = family.robot.unit
+            return [
+                TableEntry(kind, None, name, k, n, 0.0, unit(key, k), float(scale[k]))
+                for k in joints
+            ]
+
+        of_limits, sizes = [], Counter(key for key, *_ in limits.names)
+        for (key, k, side), scale in zip(limits.names, limits.scale.tolist(), strict=True):
+            name, unit = (family[key].name, family[key].units[k]) if key in family else (key, "")
+            name = f"{name}, {side} limit" if side else name
+            entry = TableEntry("constraint", None, name, k, sizes[key], 0.0, unit, scale)
+            of_limits.append(entry)
         of_motion = [
-            ("bound", key, k, self.family.robot.unit(key, k), self.scales.motion[order, k], n)
-            for order, key in enumerate(POINT_KEYS)
-            for k in range(n)
-        ]
-        of_jerks = [
-            ("constraint", "jerk", k, self.family.robot.unit("qddd", k), self.scales.jerk[k], n)
-            for k in range(n)
+            entry
+            for key, scale in zip(POINT_KEYS, scales.motion, strict=True)
+            for entry in of_joints("bound", key, key, scale, range(n))
         ]
         torques = [limits.names[row][1] for row in rows.torques]
-        of_rates = [
-            (
-                "constraint",
-                "torque rate",
-                k,
-                self.family.robot.unit("taud", k),
-                self.scales.rate[k],
-                n,
-            )
-            for k in torques
-        ]
-        tables = (
+        of_rates = of_joints("constraint", "torque rate", "taud", scales.rate, torques)
+        of_jerks = of_joints("constraint", "jerk", "qddd", scales.jerk, range(n))
+        blocks = []
+        for numbers, entries, factors in (
             (rows.at_points[:, : len(of_limits)], of_limits, None),
             (rows.of_motion.reshape(-1, ORDERS * n), of_motion, None),
-            (rows.of_rates, of_rates, rows.lengths() * self.scales.durations[self.index]),
+            (rows.of_rates, of_rates, rows.lengths() * scales.durations[self.index]),
             (rows.of_jerks, of_jerks, None),
-        )
-        for numbers, entries, factors in tables:
-            numbers = numbers[self._points]
-            given = None if factors is None else factors[self._points]
+        ):
             for step, fraction in ((0, 0.0), (1, 0.5)):
-                blocks += _blocks(
-                    numbers[step::2],
-                    entries,
-                    fraction,
-                    None if given is None else given[step::2],
-                )
+                at = slice(self._points.start + step, self._points.stop, 2)
+                given = None if factors is None else factors[at]
+                blocks += _blocks(numbers[at], entries, fraction, given)
         # A condition belongs to the phase that begins at its via point; the last, to its end.
         places = {self.index: ("point", 0)}
         if self.index + 1 == len(rows.limits):
@@ -205,10 +185,7 @@ class FlatLayout:
 
 
 def _blocks(
-    numbers: IntArray,
-    entries: Sequence[tuple[Any, ...]],
-    fraction: float,
-    factors: FloatArray | None,
+    numbers: IntArray, entries: Sequence[TableEntry], fraction: float, factors: FloatArray | None
 ) -> Iterator[Block]:
     """Yield blocks of the existing rows of [M,K]; rows of the same intervals form one block."""
     patterns: dict[bytes, list[int]] = {}
@@ -218,14 +195,9 @@ def _blocks(
             patterns.setdefault(there.tobytes(), []).append(k)
     for pattern, columns in patterns.items():
         intervals = np.flatnonzero(np.frombuffer(pattern, dtype=bool))
-        table = []
-        for k in columns:
-            kind, name, component, unit, scale, size = entries[k]
-            table.append(
-                TableEntry(kind, None, name, component, size, fraction, unit, float(scale))
-            )
+        table = tuple(replace(entries[k], fraction=fraction) for k in columns)
         given = None if factors is None else factors[intervals]
-        yield Block(tuple(table), intervals, numbers[intervals][:, columns], given)
+        yield Block(table, intervals, numbers[intervals][:, columns], given)
 
 
 def _sampled(

@@ -47,8 +47,6 @@ class PointLimits:
     names : tuple of (key, component, side)
         Limit of each row. ``side`` is "lower" or "upper" for a bound that varies, whose row is the
         excess of the value over the bound; otherwise empty.
-    labels : tuple of str
-        Names of the rows.
     scale : array [R]
         Divisor of each row.
     values : callable
@@ -69,7 +67,6 @@ class PointLimits:
     """
 
     names: tuple[tuple[str, int, str], ...]
-    labels: tuple[str, ...]
     scale: FloatArray
     values: Callable[[int], RowsInPlace]
     slopes: Callable[[int], RowsInPlace]
@@ -119,7 +116,7 @@ def point_limits(robot: Robot, keys: tuple[str, ...], payload: bool = False) -> 
         return _in_tables(robot, keys, payload)
     others = tuple(key for key in keys if key not in own)
     limits = _in_tables(without_distances(robot), others, payload)
-    names, labels, scale = [*limits.names], [*limits.labels], [limits.scale]
+    names, scale = [*limits.names], [limits.scale]
     distances = []
     for key, limit in own.items():
         member = family[key]
@@ -127,13 +124,11 @@ def point_limits(robot: Robot, keys: tuple[str, ...], payload: bool = False) -> 
         in_poses = partial(limit.expression.in_poses, robot)
         distances.append((in_poses, slice(len(names), len(names) + size)))
         names += [(key, k, "") for k in range(size)]
-        labels += [member.name] * size
         scale.append(finite_scale(member.lower, member.upper) * np.ones(size))
     inner = np.append(limits.inner, np.zeros(len(names) - limits.count, dtype=bool))
     return replace(
         limits,
         names=tuple(names),
-        labels=tuple(labels),
         scale=np.concatenate(scale),
         inner=inner,
         distances=tuple(distances),
@@ -180,9 +175,7 @@ def _in_tables(robot: Robot, keys: tuple[str, ...], payload: bool) -> PointLimit
         rows_in_place(ca.Function(name, [*state, *held, *more], ca.cse([*map(ca.densify, given)])))
         for name, (more, given) in outputs.items()
     ]
-    names, labels = (
-        tuple(k for part in parts for k in getattr(part, key)) for key in ("names", "labels")
-    )
+    names = tuple(name for part in parts for name in part.names)
     scale = np.concatenate([np.zeros(0), *(part.scale for part in parts)])
     values, slopes_of, curvature_of = functions
     family = LimitFamily.of(robot)
@@ -190,7 +183,6 @@ def _in_tables(robot: Robot, keys: tuple[str, ...], payload: bool) -> PointLimit
     inner = [key not in family or family[key].order > 0 for key, *_ in names]
     return PointLimits(
         names,
-        labels,
         scale,
         values,
         slopes_of,
@@ -217,7 +209,6 @@ class _LimitRows(NamedTuple):
     """Rows of one limit, scaled, with derivatives of their weighted sum."""
 
     names: list[tuple[str, int, str]]
-    labels: list[str]
     scale: FloatArray
     weight: ca.SX
     value: ca.SX
@@ -238,15 +229,14 @@ def _parts(
         # In units of the torque, because a rate is a difference of torques over a time.
         scale = finite_scale(*robot.limits.bounds("tau"))
         rate = friction_rate(robot, state[1], state[2], held[-1])
-        yield _with_derivatives([(key, k, "") for k in range(n)], [key] * n, scale, rate, y)
+        yield _with_derivatives([(key, k, "") for k in range(n)], scale, rate, y)
         return
     assert member is not None
     value, lower, upper = family.expressions([key], (*state, ca.SX(n, 1)))[key]
     size = member.lower.size
     if not member.varies:
         scale = finite_scale(member.lower, member.upper) * np.ones(size)
-        names, labels = [(key, k, "") for k in range(size)], [member.name] * size
-        yield _with_derivatives(names, labels, scale, value, y)
+        yield _with_derivatives([(key, k, "") for k in range(size)], scale, value, y)
         return
     usual = family.values(MotionSamples.at_rest(np.zeros(n)), [key])[key]
     for side, sign, bound, typical in (
@@ -258,8 +248,7 @@ def _parts(
         # A bound that varies moves to the left side: the row is the excess, at most zero.
         room = sign * (value - (bound if isinstance(bound, ca.SX) else ca.DM(bound)))
         scale = finite_scale(np.ravel(typical), np.ravel(typical)) * np.ones(size)
-        names = [(key, k, side) for k in range(size)]
-        yield _with_derivatives(names, [f"{member.name}, {side} limit"] * size, scale, room, y)
+        yield _with_derivatives([(key, k, side) for k in range(size)], scale, room, y)
 
 
 def _torques(
@@ -270,7 +259,7 @@ def _torques(
     mass, window, smoothing = held
     given = [*state, *([mass] if payload else [])]
     scale, weight = finite_scale(*robot.limits.bounds("tau")), ca.SX.sym("weight", n)
-    names, labels = [(key, k, "") for k in range(n)], ["torque"] * n
+    names = [(key, k, "") for k in range(n)]
     dry = key == "tau" and bool(dry_friction(robot).any())
     light = without_dry_friction(robot)
     # Derivatives of recursive Newton-Euler have, from six joints on, half of the operations of
@@ -280,16 +269,14 @@ def _torques(
         value, _ = torques_of(light, ["tau"], payload)(*state, None, *given[ORDERS:])
         if dry:
             value, _ = torque_at_drives(robot, value, qd, qdd, window, smoothing)
-        return _with_derivatives(names, labels, scale, value, y, weight)
+        return _with_derivatives(names, scale, value, y, weight)
     value, jacobian = own[0](*given)
     jacobian, scaled = jacobian[:, : 3 * n], weight / ca.DM(scale)
     inverse = ca.diag(1.0 / ca.DM(scale))
     if not dry:
         slope, hessian = own[1](*given, scaled)
         rows = inverse @ value, inverse @ jacobian
-        return _LimitRows(
-            names, labels, scale, weight, *rows, slope[: 3 * n], hessian[: 3 * n, : 3 * n]
-        )
+        return _LimitRows(names, scale, weight, *rows, slope[: 3 * n], hessian[: 3 * n, : 3 * n])
     # The torque at a drive is a function d(tau, qd, qdd) of its own joint alone, linear in tau.
     tau = ca.SX.sym("tau", n)
     at_drives, _ = torque_at_drives(robot, tau, qd, qdd, window, smoothing)
@@ -311,12 +298,11 @@ def _torques(
     own_part = ca.blockcat([[nothing] * 3, [nothing, vv, va], [nothing, va, aa]])
     hessian = hessian[: 3 * n, : 3 * n] + cross + cross.T + own_part
     rows = inverse @ at_drives, inverse @ gradient_rows
-    return _LimitRows(names, labels, scale, weight, *rows, gradient_rows.T @ scaled, hessian)
+    return _LimitRows(names, scale, weight, *rows, gradient_rows.T @ scaled, hessian)
 
 
 def _with_derivatives(
     names: list[tuple[str, int, str]],
-    labels: list[str],
     scale: FloatArray,
     value: ca.SX,
     y: ca.SX,
@@ -325,7 +311,7 @@ def _with_derivatives(
     value = value / ca.DM(scale)
     weight = ca.SX.sym("weight", scale.size) if weight is None else weight
     hessian, gradient = ca.hessian(ca.dot(weight, value), y)
-    return _LimitRows(names, labels, scale, weight, value, ca.jacobian(value, y), gradient, hessian)
+    return _LimitRows(names, scale, weight, value, ca.jacobian(value, y), gradient, hessian)
 
 
 def _row_major(block: ca.SX) -> ca.SX:
