@@ -364,6 +364,15 @@ def power_limited(robot, most):
     return robot.with_limits(also=[mo.limits.power(most)])
 
 
+def test_the_least_relaxation_of_a_swing_takes_the_closed_form():
+    """A torque T lifts a pendulum to q if its work T q is that of gravity, 9.81 (1 - cos q)."""
+    motion = time_optimal_path(pendulum(tau_max=5.0), straight_path([[0.0], [3.1]]))
+    (entry,) = motion.provenance["least_violation"]
+    q = np.linspace(0.1, 3.1, 10_000)
+    needed = (9.81 * (1.0 - np.cos(q)) / q).max()
+    assert entry["exceeded_by"] == pytest.approx(needed - 5.0, rel=1e-3)
+
+
 def test_power_on_a_rail_takes_the_closed_form():
     """Full force up to P/F, then constant power, until it brakes at full force.
 

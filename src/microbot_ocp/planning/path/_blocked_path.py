@@ -9,7 +9,8 @@ x, is left out.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+import itertools
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -68,69 +69,49 @@ def blocking_limit(family: LimitFamily, curve: PathCurve, fast: bool) -> Blocked
     )
     size = np.maximum(*(np.where(np.isfinite(b), np.abs(b), 0.0) for b in (lower, upper)))
     count = along.s.size - 1
-    step = np.diff(along.s)
-    # A typical x scales the program to order one.
-    room = np.where(np.isfinite(size), size, np.inf) / np.maximum(np.abs(rows.per_x), TINY)
-    most = along.speed_limit
+    # A typical x, at which x or u meets a limit, scales the program to order one.
+    most, length = along.speed_limit, float(along.s[-1] - along.s[0])
+    used = np.abs(rows.per_x) + np.abs(rows.per_u) / length
+    room = np.where(np.isfinite(size), size, np.inf) / np.maximum(used, TINY)
     unit_x = float(np.median(np.minimum(room.min(axis=1)[: count + 1], most)))
-    unit_u = unit_x / float(along.s[-1] - along.s[0])
-    # Unknowns: x at the points, u at the start and at the end of every interval, and the share.
-    columns = 3 * count + 2
-    entries: list[tuple[Any, Any, Any]] = []
-    highest, limited, first = [], [], 0
-    for ends, x_at, u_at in (
-        (np.arange(count), np.arange(count), count + 1 + np.arange(count)),
-        (rows.right, np.arange(1, count + 1), 2 * count + 1 + np.arange(count)),
-    ):
-        scale = np.maximum(size[ends], NEGLIGIBLE)
-        bounds = np.stack([rows.upper[ends] / scale, -rows.lower[ends] / scale]).transpose(2, 0, 1)
-        k, side, i = np.nonzero(np.isfinite(bounds))
-        at, sign = first + np.arange(k.size), 1.0 - 2.0 * side
-        entries += [
-            (at, x_at[i], sign * (rows.per_x[ends] / scale)[i, k] * unit_x),
-            (at, u_at[i], sign * (rows.per_u[ends] / scale)[i, k] * unit_u),
-            (at, np.full(k.size, columns - 1), np.full(k.size, -1.0)),
-        ]
-        highest.append(bounds[k, side, i])
-        limited.append((k, ends[i], sign))
-        first += k.size
+    unit_u = unit_x / length
+    x, start, end = ca.MX.sym("x", count + 1), ca.MX.sym("start", count), ca.MX.sym("end", count)
+    share = ca.MX.sym("share")
     # Equation of motion: x_{i+1} = x_i + d (u_start + u_end), the integral of dx/ds = 2 u.
-    at = first + np.arange(count)
-    share = step * unit_u / unit_x
-    entries += [
-        (at, np.arange(count), np.ones(count)),
-        (at, np.arange(1, count + 1), -np.ones(count)),
-        (at, count + 1 + np.arange(count), share),
-        (at, 2 * count + 1 + np.arange(count), share),
-    ]
-    i, j, values = (np.concatenate([e[k] for e in entries]) for k in range(3))
-    matrix = ca.DM.triplet(i.tolist(), j.tolist(), values, first + count, columns)
-    below, above = np.full(columns, -np.inf), np.full(columns, np.inf)
-    below[: count + 1], above[: count + 1] = 0.0, np.where(most < FAR, most / unit_x, np.inf)
+    motion = x[1:] - x[:-1] - unit_u / unit_x * np.diff(along.s) * (start + end)
+    bounded, limited = [], []
+    for nodes, at, u in ((np.arange(count), x[:-1], start), (rows.right, x[1:], end)):
+        for k, sign in itertools.product(range(len(rows.names)), (1.0, -1.0)):
+            bound = (rows.upper if sign > 0 else rows.lower)[nodes, k]
+            scale = np.maximum(size[nodes, k], NEGLIGIBLE)
+            value = unit_x * rows.per_x[nodes, k] * at + unit_u * rows.per_u[nodes, k] * u
+            kept = np.flatnonzero(np.isfinite(bound))
+            bounded.append((sign * (value - np.nan_to_num(bound)) / scale - share)[kept])
+            limited += [(k, node, sign) for node in nodes[kept].tolist()]
+    highest = np.where(most < FAR, most / unit_x, np.inf)
     for point, free in ((0, curve.start_free), (count, curve.end_free)):
-        above[point] = above[point] if free else 0.0
-    below[-1] = 0.0
-    objective = ca.DM(columns, 1)
-    objective[-1] = 1.0
-    solver = ca.conic(
+        highest[point] = highest[point] if free else 0.0
+    solver = ca.qpsol(
         "blocked",
         "highs",
-        {"h": ca.Sparsity(columns, columns), "a": matrix.sparsity()},
+        {
+            "x": ca.vertcat(x, share, start, end),
+            "f": share,
+            "g": ca.vertcat(motion, *bounded),
+        },
         {"error_on_fail": False, "highs": {"output_flag": False}},
     )
+    unbounded = np.full(2 * count, np.inf)
     answer = solver(
-        g=objective,
-        a=matrix,
-        lba=np.append(np.full(first, -np.inf), np.zeros(count)),
-        uba=np.concatenate([*highest, np.zeros(count)]),
-        lbx=below,
-        ubx=above,
+        lbg=np.append(np.zeros(count), np.full(len(limited), -np.inf)),
+        ubg=0.0,
+        lbx=np.append(np.zeros(count + 2), -unbounded),
+        ubx=np.concatenate([highest, [np.inf], unbounded]),
     )
-    gives = float(answer["x"][-1])
+    gives = float(answer["f"])
     if not solver.stats()["success"] or gives <= NOTHING:
         return None
-    decides = int(np.abs(np.array(answer["lam_a"]).ravel()[:first]).argmax())
-    k, node, sign = (np.concatenate(parts)[decides] for parts in zip(*limited, strict=True))
+    k, node, sign = limited[np.abs(np.array(answer["lam_g"]).ravel()[count:]).argmax()]
     key, component = rows.names[k]
     point = node if node <= count else int(np.flatnonzero(rows.right == node)[0]) + 1
     return Blocked(
