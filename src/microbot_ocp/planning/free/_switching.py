@@ -98,24 +98,10 @@ def _solved(
     robot: Robot, via: FloatArray, guesses: Mapping[str, Guess], progress: StepProgress
 ) -> SwitchingTimes:
     problem = free_problem(robot, via, jumps=True)
-    if any(state.name == "qdd" for state in problem.phases[0].states):
-        guesses = {name: _with_jerk(guess) for name, guess in guesses.items()}
     transcribe = partial(Transcription, derivatives=derivatives_for(robot))
     first = solve(transcribe(problem, scheme=SCHEME), MESH, guesses, SETTINGS)
     progress(f"with accelerations that jump: {first.duration:.6f} s, {first.status}")
     return solve_switching_times(problem, first, progress=progress, transcribe=transcribe)
-
-
-def _with_jerk(guess: Guess) -> Guess:
-    def jerk(s: FloatArray) -> FloatArray:
-        qdd = guess.values["qdd"]
-        assert callable(qdd)
-        # Central difference inside of the phase, one-sided at its ends.
-        near = np.clip(np.array([s - 1e-4, s + 1e-4]), 0.0, 1.0)
-        rise = np.asarray(qdd(near[1])) - np.asarray(qdd(near[0]))
-        return rise / ((near[1] - near[0]) * guess.duration)[:, None]
-
-    return Guess(guess.duration, {**guess.values, "jerk": jerk})
 
 
 def _polynomial_of(exact: SwitchingTimes) -> PiecewisePolynomial:
