@@ -122,6 +122,8 @@ def test_the_unit_does_not_decide_under_torque_rates_either():
         ({"qdd_max": 3.0}, 2 * np.sqrt(1.5 / 3.0)),
         ({"qd_max": 1.2, "tau_max": 4.0}, 1.5 / 1.2 + 1.2 / 2.0),
         ({"qd_max": 0.2, "tau_max": 4.0}, 1.5 / 0.2 + 0.2 / 2.0),  # hardly a grid point accelerates
+        # at rest or at the velocity limit nearly everywhere: few places tell an acceleration
+        ({"qd_max": 0.2, "tau_max": 4.0, "taud_max": 40.0}, 1.5 / 0.2 + 0.2 / 2.0 + 4.0 / 40.0),
         ({"tau_max": (-2.0, 4.0)}, np.sqrt(2 * 1.5 * (1 / 2.0 + 1 / 1.0))),
         pytest.param(
             {"tau_max": 100.0, "taud_max": 10.0},

@@ -22,7 +22,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.codegen import compiles
 from microbot_ocp._base.outcome import Advice, Outcome
 from microbot_ocp._base.status import Status
-from microbot_ocp.limits import JointLimits, LimitFamily, Limits, with_reserve
+from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, LimitFamily, Limits, with_reserve
 from microbot_ocp.motion import SAMPLE_STEP, Mark, Motion, PiecewisePolynomial, State, sample_times
 from microbot_ocp.ocp.solution import StepProgress, quiet
 from microbot_ocp.planning.path import (
@@ -99,7 +99,7 @@ class PathTimingSettings:
     """
 
     grid: int = 1000
-    limit_tolerance: float = 5e-4
+    limit_tolerance: float = LIMIT_TOLERANCE / 10.0  # closer than a certificate asks for
     compiled: bool = True
     time_limit: float = TIME_LIMIT
 

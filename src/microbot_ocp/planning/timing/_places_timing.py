@@ -318,9 +318,9 @@ class _Timing:
         self.start, self.family, self.fast, curve = start, family, fast, start.curve
         self.free = curve.start_free, curve.end_free
         # A percentile of s'' sets the unit of time: single peaks would make it too short.
-        speed = max(float(start.v.max()), 1e-12)
+        speed = float(start.v.max())
         usual = float(np.percentile(np.abs(start.a), USUAL_PERCENTILE))
-        self.time = speed / max(usual, 1e-6 * speed)
+        self.time = speed / max(usual, speed / start.duration)
         self.unit = speed * self.time
         self.kinds = LimitKinds.of(family)
         n, robot = start.a.size, family.robot
