@@ -32,7 +32,7 @@ from microbot_ocp.planning.task import check_pace, check_positions, check_rest, 
 IntArray = NDArray[np.intp]
 
 
-TINY = 1e-300  # divisor in place of zero
+TINY = np.finfo(float).tiny / np.finfo(float).eps  # divisor in place of zero
 CORNER_JUMP = 1e-6  # jump of the tangent that counts as a corner, per largest tangent
 
 

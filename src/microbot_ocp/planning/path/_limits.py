@@ -195,7 +195,8 @@ def speed_bound(family: LimitFamily, key: str, nodes: Nodes) -> FloatArray:
     count = len(nodes.position)
     low, high = np.zeros(count), np.full(count, np.inf)
     # The scan finds the first speed that breaks the limit, bisection its exact value.
-    for v in np.geomspace(1e-6, np.sqrt(FAR), SCANNED_SPEEDS):
+    fastest = np.sqrt(FAR)
+    for v in np.geomspace(1.0 / fastest, fastest, SCANNED_SPEEDS):
         good, unknown = within(np.full(count, v)), np.isinf(high)
         low, high = np.where(unknown & good, v, low), np.where(unknown & ~good, v, high)
     free = np.isinf(high)

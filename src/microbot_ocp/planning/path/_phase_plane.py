@@ -14,14 +14,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import groupby, pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from microbot_ocp._base import checks
 from microbot_ocp._base.checks import FloatArray, InputError
 from microbot_ocp._base.codegen import compiles
-from microbot_ocp.limits import JointLimits, Limits
+from microbot_ocp.limits import LIMIT_TOLERANCE, JointLimits, Limits
 from microbot_ocp.motion import PiecewisePolynomial
 from microbot_ocp.planning.path._curve import TINY, segments, stops
 from microbot_ocp.planning.path._fast_timing import PathTiming, timed
@@ -166,7 +166,7 @@ def phase_plane(
         bounds.append(_bounds(along))
         if reached.feasible:
             arcs += _arcs(s, reached, along)
-    joined = {name: np.concatenate([part[name] for part in bounds]) for name in bounds[0]}
+    joined: Any = {name: np.concatenate([part[name] for part in bounds]) for name in bounds[0]}
     return PhasePlane(**vars(timing), **joined, arcs=tuple(arcs))
 
 
@@ -280,7 +280,6 @@ def _fastest_joint(limits: PathLimits, size: int) -> np.ndarray:
     return nearest[:size]
 
 
-ON_LIMIT = 0.005  # distance that counts as on the limit, per range of the limit
 SHORTEST_ARC = 3  # smallest number of grid intervals of an arc
 
 
@@ -291,7 +290,7 @@ def _arcs(s: FloatArray, timing: Reached, along: CurveLimits) -> list[LimitArc]:
         rows = rows.with_friction(along.nodes, along.limits.family.robot, timing.speed_squared)
     names, room = _room(timing, rows, along.nodes, along.limits)
     nearest = room.argmin(axis=1)
-    on = np.where(room[np.arange(len(room)), nearest] <= ON_LIMIT, nearest, -1)
+    on = np.where(room[np.arange(len(room)), nearest] <= LIMIT_TOLERANCE, nearest, -1)
     runs = [(key, len(list(group))) for key, group in groupby(on.tolist())]
     # A short touch of another limit within an arc would look like two switches.
     merged: list[tuple[int, int]] = []

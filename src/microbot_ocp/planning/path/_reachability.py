@@ -30,7 +30,7 @@ from microbot_ocp._base.checks import ROUNDING, FloatArray
 from microbot_ocp._base.fast_calls import deferred_call
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import numbered
-from microbot_ocp.planning.path._curve import PathCurve, samples_along
+from microbot_ocp.planning.path._curve import TINY, PathCurve, samples_along
 from microbot_ocp.planning.path._limits import (
     FAR,
     NEGLIGIBLE,
@@ -260,7 +260,6 @@ def path_grid(path: PathCurve, count: int) -> FloatArray:
 
 FREE_SPEEDS = 1001  # number of free initial speeds that are compared
 COMPARED_INTERVALS = 8  # number of intervals over which free initial speeds are compared
-LEAST_SPEED = 1e-30  # stand-in for a speed of zero in a quotient
 
 
 def _passes(
@@ -310,7 +309,7 @@ def _passes(
         for interval in zip(*(table[:COMPARED_INTERVALS] for table in intervals), strict=True):
             tried.append(onward(tried[-1][:, None], *interval)[:, 0])
         v = np.sqrt(tried)
-        spent = step[: len(v) - 1, None] / np.maximum(v[1:] + v[:-1], LEAST_SPEED)
+        spent = step[: len(v) - 1, None] / np.maximum(v[1:] + v[:-1], TINY)
         first = tried[0][np.argmin(spent.sum(axis=0))]
     after, u = deferred_call(_forward(size), kept=True, compiled=fast)([first], *intervals)
     x, (start, finish) = np.append(first, after[:, 0]), u.T
@@ -337,7 +336,8 @@ def _durations(x: FloatArray, step: FloatArray, start: FloatArray, end: FloatArr
     return np.where(k == 0, steady, bent)
 
 
-LEAST_DIVISOR = 1e-8  # smallest magnitude of a divisor, relative to its terms
+# Smallest magnitude of a divisor, relative to its terms: half of the digits are left.
+LEAST_DIVISOR = float(np.sqrt(np.finfo(float).eps))
 
 
 class _Lines(NamedTuple):
