@@ -16,7 +16,6 @@ from ._problem import (
     BUDGET as BUDGET,
     JERK_WEIGHT as JERK_WEIGHT,
     OF_VARIABLES as OF_VARIABLES,
-    SMOOTHING as SMOOTHING,
     accelerations_jump as accelerations_jump,
     effort_scale as effort_scale,
     excess_along as excess_along,

@@ -51,12 +51,18 @@ from microbot_ocp.planning.free._point_limits import (
 )
 from microbot_ocp.planning.free._problem import JERK_WEIGHT, free_problem, phase_shapes, scale_of
 from microbot_ocp.planning.free._spline import DEGREE, SplineLayout, spline_layout
-from microbot_ocp.planning.task import Conditions, Task, TaskScale, dry_friction, has_windows
+from microbot_ocp.planning.task import (
+    ROUGH_TOLERANCE,
+    Conditions,
+    Task,
+    TaskScale,
+    dry_friction,
+    has_windows,
+)
 from microbot_ocp.robot import Robot
 
-DUAL = 1e-6  # tolerance of stationarity, scaled
-# The same for stiff programs if the mesh is refined afterwards: two thirds of the iterations of a
-# Panda go from here to DUAL, and change its duration by 3e-7.
+# Tolerance of stationarity, scaled, of stiff programs if the mesh is refined afterwards: two thirds
+# of the iterations of a Panda go from here to ROUGH_TOLERANCE, and change its duration by 3e-7.
 ROUGH_DUAL = 1e-4
 SLOWING = 1.2  # factor between two durations of a guess that is slowed down
 GROSS_EXCESS = 10.0  # scaled excess of a limit above which a guess is slowed down
@@ -342,7 +348,7 @@ class FlatTranscription:
             "nlp_scaling_method": "none",  # rows and unknowns are scaled already
             "compl_inf_tol": end,
         }
-        tolerance = max(settings.tolerance, ROUGH_DUAL if rough else DUAL)
+        tolerance = max(settings.tolerance, ROUGH_DUAL if rough else ROUGH_TOLERANCE)
         if first is not None:
             # IPOPT reduces its barrier parameter only at a stationary point: begin with the last.
             given["mu_init"] = last if self.is_stiff and not rough else first

@@ -52,7 +52,12 @@ def _total(explanation: Explanation) -> float:
     """Return the sum of relative violations; infinite if the solve was not conclusive."""
     if not explanation.conclusive:
         return float("inf")
-    return sum((g.amount or 0.0) / max(abs(g.limit), 1e-9) for g in explanation.gives)
+    return sum(map(_violation, explanation.gives))
+
+
+def _violation(gives: Relaxation) -> float:
+    """Return a violation relative to its limit."""
+    return (gives.amount or 0.0) / abs(gives.limit or 1.0)
 
 
 def guesses_from(explanation: Explanation) -> dict[str, Guess]:
@@ -73,7 +78,7 @@ def judged(
     if explanation.feasible:
         return outcome, {}
     rows, entries = list[Advice](), []
-    for gives in sorted(explanation.gives, key=lambda g: -(g.amount or 0.0) / abs(g.limit or 1.0)):
+    for gives in sorted(explanation.gives, key=_violation, reverse=True):
         title, pose = _limit_name(gives, explanation, family), _pose(gives, explanation)
         joints = enumerate(pose)
         at = ", ".join(family.robot.position_text(j, float(f"{value:.4g}")) for j, value in joints)

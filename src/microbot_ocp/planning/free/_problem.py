@@ -19,6 +19,7 @@ from microbot_ocp.motion import PiecewisePolynomial, State, quintic_between
 from microbot_ocp.ocp import OptimalControlProblem, Phase, PhaseSolution, Solution, Transcription
 from microbot_ocp.planning.task import (
     CHECKS_PER_INTERVAL,
+    JERK_SMOOTHING,
     Bounds,
     Conditions,
     Task,
@@ -32,9 +33,6 @@ from microbot_ocp.planning.task import (
 )
 from microbot_ocp.robot import Robot
 
-# Weight of the squared jerk: it selects one of many equally fast motions. It costs 1.3e-5 of the
-# duration of the Microbot task and halves the swing of the torques that are not at a limit.
-SMOOTHING = 1e-6
 BEFORE = 1e-9  # distance of the last check from the end of a piece, share of the piece
 JERK_WEIGHT = "jerk weight"  # name of a phase parameter
 CLOSED = 1e-5  # largest sum of gaps, share of the change of position or velocity
@@ -198,7 +196,7 @@ def _declare_segment(
         moved = qdd if tau is None else tau
         phase.running_cost(ca.sumsqr(moved / effort_scale(form.family, form.scales[1])))
     if not form.jumps:
-        weight = phase.parameter(JERK_WEIGHT, SMOOTHING)
+        weight = phase.parameter(JERK_WEIGHT, JERK_SMOOTHING)
         phase.running_cost(weight * ca.sumsqr(jerk / size.jerk))
 
 

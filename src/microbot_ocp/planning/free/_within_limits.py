@@ -278,7 +278,7 @@ def slowed_together(
 def _scaled_shape(family: LimitFamily, shape: PiecewisePolynomial) -> Motion | None:
     """Return a shape at its shortest duration within all limits, with marks at its breaks."""
     try:
-        scaled = shortest_duration(family.robot, shape, time_limit=max(deadline.left(), 1e-3))
+        scaled = shortest_duration(family.robot, shape)
     except InputError:  # gravity alone exceeds a limit, or the shape leaves the position limits
         return None
     if not scaled.utilisation <= 1.0:  # the time limit may end the scaling early

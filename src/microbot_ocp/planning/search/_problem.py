@@ -23,7 +23,6 @@ from microbot_ocp.ocp import Solution
 from microbot_ocp.ocp.transcription import Guess, Transcription
 from microbot_ocp.planning.free import (
     JERK_WEIGHT,
-    SMOOTHING,
     FlatTranscription,
     InitialGuess,
     Slowed,
@@ -46,6 +45,7 @@ from microbot_ocp.planning.search._branches import Way, segment_timings, straigh
 from microbot_ocp.planning.search._settings import TimeOptimalSettings
 from microbot_ocp.planning.search._stop_motion import motion_of
 from microbot_ocp.planning.task import (
+    JERK_SMOOTHING,
     Conditions,
     Task,
     TaskScale,
@@ -56,7 +56,7 @@ from microbot_ocp.robot import Robot
 
 # Weight of the squared jerk among obstacles under limits of rates: joints of a redundant arm that
 # do not decide the duration converge in fewer iterations
-GUIDED_SMOOTHING = 100.0 * SMOOTHING
+GUIDED_SMOOTHING = 100.0 * JERK_SMOOTHING
 VIA_TOLERANCE = 1e-7  # relative position error and velocity jump allowed at a via point
 
 
@@ -127,7 +127,7 @@ class MotionProblem:
     again: bool = False
     first: InitialGuess | None = None
     moving: bool = False
-    weight: float = SMOOTHING
+    weight: float = JERK_SMOOTHING
     proved_excess: Callable[[Solution], list[FloatArray] | None] | None = None
     _excess: dict[Solution, list[FloatArray]] = field(default_factory=dict)
     _slowed: dict[Solution, Motion | None] = field(default_factory=dict)

@@ -24,7 +24,6 @@ from microbot_ocp.ocp.refinement import FORESIGHT as LEAST_FORESIGHT, Refiner
 from microbot_ocp.ocp.solution import StepProgress
 from microbot_ocp.ocp.transcription import mesh_of
 from microbot_ocp.planning.free import (
-    SMOOTHING,
     accelerations_jump,
     limited_rates,
     transcription,
@@ -51,6 +50,7 @@ from microbot_ocp.planning.search._starts import full_mesh, nearest
 from microbot_ocp.planning.task import (
     EXACT_TOLERANCE,
     GAP,
+    JERK_SMOOTHING,
     LDL,
     ROUGH_TOLERANCE,
     dry_friction,
@@ -320,7 +320,7 @@ def less_and_less_smoothing(
 
 def _smooths_too_much(search: MotionSearch, answer: MotionAnswer, *meshes: Any) -> bool:
     """Return True if accelerations jump and the usual smoothing costs too much."""
-    is_usual = answer.smoothing > REDUCED_SMOOTHING * SMOOTHING
+    is_usual = answer.smoothing > REDUCED_SMOOTHING * JERK_SMOOTHING
     jumps = accelerations_jump(search.problem.family)
     return is_usual and jumps and _is_costly(answer.solution, *meshes)
 
@@ -344,7 +344,7 @@ def _is_costly(solution: Solution, meshes: Sequence[int | FloatArray] = ()) -> b
 
 def _less_smoothed(search: MotionSearch, refiner: Refiner) -> tuple[Refiner, float]:
     """Return a refiner with less smoothing, and the weight of the squared jerk."""
-    weight = REDUCED_SMOOTHING * SMOOTHING
+    weight = REDUCED_SMOOTHING * JERK_SMOOTHING
     # The LDL factorisation without pivots loses the small curvature of a weak jerk term in
     # rounding: 40 iterations instead of 21.
     usual = replace(refiner.settings, options={})

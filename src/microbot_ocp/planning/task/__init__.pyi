@@ -61,6 +61,7 @@ from ._robust import (
     robust_limits as robust_limits,
 )
 from ._scale import (
+    JERK_SMOOTHING as JERK_SMOOTHING,
     TYPICAL_SPEED as TYPICAL_SPEED,
     TaskScale as TaskScale,
     single_joint_rates as single_joint_rates,

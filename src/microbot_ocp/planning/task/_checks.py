@@ -25,7 +25,7 @@ from microbot_ocp.limits import (
     MotionSamples,
 )
 from microbot_ocp.ocp import Phase
-from microbot_ocp.planning.task._scale import TaskScale
+from microbot_ocp.planning.task._scale import LONGEST_MOTION, TaskScale
 from microbot_ocp.robot import (
     Robot,
     has_torque_derivatives,
@@ -209,7 +209,7 @@ def check_pace(family: LimitFamily, places: FloatArray, at_rest: bool = True) ->
     if not further or not moving[1:].any():
         return
     lasts = float(TaskScale.of(family, places[moving]).durations.sum())
-    if lasts > 10.0 * checks.LONGEST:
+    if lasts > LONGEST_MOTION:
         raise InputError(
             f"a limit ({further}) lets a straight motion last some {lasts:.1g} s: those of at most "
             f"{checks.LONGEST:g} s are looked for"

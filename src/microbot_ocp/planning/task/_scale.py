@@ -12,24 +12,23 @@ from typing import Any
 
 import numpy as np
 
-from microbot_ocp._base.checks import FloatArray
+from microbot_ocp._base.checks import LONGEST, FloatArray
 from microbot_ocp._base.outcome import Advice
-from microbot_ocp.limits import LimitFamily, MotionSamples
+from microbot_ocp.limits import LIMIT_TOLERANCE, LimitFamily, MotionSamples
 from microbot_ocp.robot import inverse_dynamics
 
 TYPICAL_SPEED = 2.0  # speed of joints without direct bounds, rad/s (m/s)
 POSES_PER_SEGMENT = 5  # poses along every segment for the inertia
 
-# The cost weight * jerk^2 makes the cheapest rise to a velocity v last SMOOTHED_RISE * sqrt(v /
-# jerk): the time (36 weight v^2 / jerk^2)^(1/4) of an acceleration that falls linearly to zero.
-SMOOTHED_RISE = (36 * 1e-6) ** 0.25
-
+# Weight of the squared jerk: it selects one of many equally fast motions. It costs 1.3e-5 of the
+# duration of the Microbot task and halves the swing of the torques that are not at a limit.
+JERK_SMOOTHING = 1e-6
 
 ACCELERATION_RATIO = 10.0  # unit of the acceleration per typical acceleration
+LONGEST_MOTION = 10.0 * LONGEST  # of a straight motion, s, for one that curves may be faster
 LONGEST_DURATION = 1e3  # upper bound of a duration, per sum of the typical durations
 SHORTEST_DURATION = 1e-2  # lower bound of a duration, per time at the highest speed
 LEAST_RISE = 5e-3  # share of the duration in which a highest velocity may be reached
-BOUND_DISTANCE = 1e-2  # relative distance of a duration at its bound
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,10 +113,12 @@ class TaskScale:
             hardest = np.maximum(hardest, ACCELERATION_RATIO * _power(possible))
         jerk = 10.0 * hardest / time
         # A velocity may be reachable faster than the smoothing allows; a larger unit of the jerk
-        # keeps the cost of that low.
+        # keeps the cost of that low. The cheapest rise to a velocity v, by an acceleration that
+        # falls linearly to zero, lasts (36 weight v^2 / unit^2)^(1/4).
         with np.errstate(divide="ignore", invalid="ignore"):
             rise = np.maximum(np.nan_to_num(highest / accelerated), LEAST_RISE * durations.sum())
-            needed = SMOOTHED_RISE**2 * np.where(np.isfinite(highest), highest, 0.0) / rise**2
+            needed = np.where(np.isfinite(highest), highest, 0.0) / rise**2
+            needed *= 6.0 * np.sqrt(JERK_SMOOTHING)
         return cls(
             durations=durations,
             shortest=SHORTEST_DURATION * np.where(fastest > 0, fastest, 0.1 * durations),
@@ -134,9 +135,9 @@ class TaskScale:
         rows, why = [], "a bound of the search, which no limit asks for"
         for k, duration in enumerate(durations):
             between = f"between via points {k + 1} and {k + 2}"
-            if duration <= self.shortest[k] * (1 + BOUND_DISTANCE):
+            if duration <= self.shortest[k] * (1 + LIMIT_TOLERANCE):
                 sentence = f"The time {between} could not be shorter than {duration:.3g} s: {why}."
-            elif duration >= self.longest[k] * (1 - BOUND_DISTANCE):
+            elif duration >= self.longest[k] * (1 - LIMIT_TOLERANCE):
                 sentence = f"The time {between} could not be longer than {duration:.3g} s: {why}."
             else:
                 continue
@@ -186,7 +187,7 @@ def _stretch(family: LimitFamily, via: FloatArray, durations: FloatArray) -> flo
 
     at_rest = most(np.inf) > 1.0
     factor = 1.0
-    while (most(factor)[~at_rest] > 10.0).any() and factor < 1e12:
+    while (most(factor)[~at_rest] > 10.0).any() and factor * durations.sum() < LONGEST_MOTION:
         factor *= 10.0
     return factor
 
@@ -201,14 +202,14 @@ def single_joint_rates(family: LimitFamily, q: FloatArray) -> tuple[FloatArray, 
     """Return the jerk [n] that limits allow to joints alone, and limits that follow from it.
 
     Over the distances along q [N,n], from rest to rest, a jerk bounds velocities and accelerations:
-    for a duration T = (32 d / j)^(1/3) they reach j T^2 / 16 and j T / 4. The changes hold these
+    for a duration T = (32 d / j)^(1/3) they reach 2 d / T and j T / 4. The changes hold these
     bounds if they are tighter than the robot's. The jerk is infinite without such limits.
     """
     ways = np.abs(np.diff(q, axis=0)).sum(axis=0)
     _, jerk, _ = _single_joint_bounds(family, q[:, None])
-    with np.errstate(invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         lasts = np.cbrt(32.0 * ways / jerk)
-        most = {"qd": jerk * lasts**2 / 16.0, "qdd": jerk * lasts / 4.0}
+        most = {"qd": 2.0 * ways / lasts, "qdd": jerk * lasts / 4.0}
     changes = {}
     for key, size in most.items():
         low, high = family.robot.limits.bounds(key)
@@ -255,4 +256,5 @@ def _power(size: FloatArray) -> FloatArray:
     """Return powers of ten; one for magnitudes of 0.1 to 10, and for zero or infinite ones."""
     usable = np.isfinite(size) & (size > 0)
     size = np.where(usable, size, 1.0)
-    return np.where((size >= 0.1) & (size <= 10.0), 1.0, 10.0 ** np.round(np.log10(size)))
+    exponent = np.log10(size)
+    return np.where(np.abs(exponent) <= 1.0, 1.0, 10.0 ** np.round(exponent))

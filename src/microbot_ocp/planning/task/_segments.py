@@ -16,11 +16,10 @@ import casadi as ca
 import numpy as np
 
 from microbot_ocp._base import checks
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
 from microbot_ocp.limits import Limit
 
 TOLERANCE, ORIENTATION_TOLERANCE = 1e-3, 0.01  # usual ones of a tool line or an arc, m and rad
-COLLINEAR = 1e-12  # squared sine or turn that counts as zero
 DIRECTIONS = np.arange(4) / 4 * np.pi  # normals of the octagon's sides, rad
 SIDE = float(np.cos(np.pi / 8))  # distance of the octagon's sides, per radius of its corners
 
@@ -183,7 +182,7 @@ class CircleArc:
         a, b = middle - start, end - start
         normal = np.cross(a, b)
         size = float(normal @ normal)
-        if size <= COLLINEAR * float(a @ a) * float(b @ b):
+        if size <= ROUNDING * float(a @ a) * float(b @ b):
             raise InputError(
                 "its three points must be apart and not on a straight line: "
                 f"{start.tolist()}, {middle.tolist()}, {end.tolist()}"
@@ -282,7 +281,7 @@ class Turning:
                 "the orientations at its two ends are half a turn apart: the way from one to the "
                 "other is not unique, give a stop in between"
             )
-        turns = size > COLLINEAR
+        turns = size > ROUNDING
         axis = sine / size if turns else np.array([0.0, 0.0, 1.0])
         rows = tuple(tuple(row) for row in start.tolist())
         return cls(rows, tuple(axis.tolist()), angle if turns else 0.0, free)
