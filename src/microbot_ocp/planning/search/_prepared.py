@@ -32,7 +32,6 @@ from microbot_ocp.ocp.transcription import Transcription
 from microbot_ocp.planning.free import (
     JERK_WEIGHT,
     OF_VARIABLES,
-    SMOOTHING,
     FlatTranscription,
     InitialGuess,
     flat_form,
@@ -50,6 +49,7 @@ from microbot_ocp.planning.search._result import Fastest, fastest, motion_from
 from microbot_ocp.planning.search._search import NOTHING, START, MotionAnswer
 from microbot_ocp.planning.search._settings import TimeOptimalSettings
 from microbot_ocp.planning.task import (
+    JERK_SMOOTHING,
     LDL,
     TIME_LIMIT,
     EndConditions,
@@ -278,7 +278,7 @@ class TimeOptimalSolver:
             if via_q is None and moving is None:
                 prepared = self._own or self._under_own_limits()
             # The cost of smoothing must stay below the solver tolerance.
-            weight = prepared.smoothing if prepared else SMOOTHING
+            weight = prepared.smoothing if prepared else JERK_SMOOTHING
             weight *= min(1.0, self._tolerance / TOLERANCE)
             settings = replace(self._settings, limit_tolerance=tolerance)
             under_way = moving is not None and bool(moving.state.qd.any())

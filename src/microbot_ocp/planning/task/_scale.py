@@ -25,7 +25,7 @@ POSES_PER_SEGMENT = 5  # poses along every segment for the inertia
 JERK_SMOOTHING = 1e-6
 
 ACCELERATION_RATIO = 10.0  # unit of the acceleration per typical acceleration
-LONGEST_MOTION = 10.0 * LONGEST  # of a straight motion, s, for one that curves may be faster
+LONGEST_MOTION = 10.0 * LONGEST  # longest straight motion, s: a curved one may be faster
 LONGEST_DURATION = 1e3  # upper bound of a duration, per sum of the typical durations
 SHORTEST_DURATION = 1e-2  # lower bound of a duration, per time at the highest speed
 LEAST_RISE = 5e-3  # share of the duration in which a highest velocity may be reached
