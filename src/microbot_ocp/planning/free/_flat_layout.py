@@ -69,7 +69,7 @@ class FlatLayout:
         layout, unknowns = self.rows_of_all.layout, x * self.scales.unknowns
         duration = float(unknowns[layout.durations][self.index])
         q = _sampled(layout, self.index, unknowns, duration, self.start)
-        values: dict[str, FloatArray] = {"q": q[0], "qd": q[1], "qdd": q[2]}
+        values: dict[str, FloatArray] = dict(zip(POINT_KEYS, q, strict=True))
         stages = np.hstack([*q, np.full((self.mesh.size, 1), duration)])
         return PhaseSolution(self.phase.name, duration, self.mesh, values, self, stages)  # type: ignore[arg-type]
 
@@ -77,12 +77,11 @@ class FlatLayout:
         self, stages: FloatArray, k: IntArray, share: FloatArray
     ) -> dict[str, FloatArray]:
         """Return the motion at shares [M] of intervals, from the stages [N+1,3n+1]."""
-        q, qd, qdd = np.split(stages[:, :-1], ORDERS, axis=1)
-        motion: dict[str, Any] = {"q": q, "qd": qd, "qdd": qdd}
+        parts = np.split(stages[:, :-1], ORDERS, axis=1)
+        motion: dict[str, FloatArray] = dict(zip(POINT_KEYS, parts, strict=True))
         phase = PhaseSolution("", float(stages[0, -1]), self.mesh, motion)
         at = self.mesh[k] + share * np.diff(self.mesh)[k]
-        q, qd, qdd = resampled(phase, at)
-        return {"q": q, "qd": qd, "qdd": qdd}
+        return dict(zip(POINT_KEYS, resampled(phase, at), strict=True))
 
     # tables ---------------------------------------------------------------------------------------
 

@@ -257,72 +257,47 @@ class FlatTranscription:
         layout, n = structure.rows.layout, structure.rows.layout.count
         low, high = np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
         low[layout.durations], high[layout.durations] = self.size.shortest, self.size.longest
-        last = len(layout.meshes)
-        for k, ((q, v, before, after), end) in enumerate(
-            zip(layout.nodes, self.conditions.ends, strict=True)
-        ):
-            beside = [j for j in (k - 1, k) if 0 <= j < last]
-            for at, key, bounds in (
-                (q, "q", end.q),
-                (v, "qd", end.qd),
-                (before, "qdd", end.qdd),
-                (after, "qdd", end.qdd),
-            ):
-                low[at : at + n], high[at : at + n] = _within(
-                    bounds, [self._bounds(j, key) for j in beside]
-                )
-        held = self._held
-        if held.any():
-            for (q, v, before, after), inner in zip(
-                layout.nodes, (*layout.inner, None), strict=True
-            ):
-                start = low[layout.nodes[0][0] : layout.nodes[0][0] + n][held]
-                for at, value in ((q, start), (v, 0.0), (before, 0.0), (after, 0.0)):
-                    low[at : at + n][held] = high[at : at + n][held] = value
-                if inner is not None:
-                    for table in (low, high):
-                        table[inner].reshape(-1, n)[:, held] = 0.0
-        return low / scales.unknowns, high / scales.unknowns
-
-    @cached_property
-    def _held(self) -> np.ndarray:
+        for k, (places, end) in enumerate(zip(layout.nodes, self.conditions.ends, strict=True)):
+            beside = [j for j in (k - 1, k) if 0 <= j < len(layout.meshes)]
+            keys, given = ("q", "qd", "qdd", "qdd"), (end.q, end.qd, end.qdd, end.qdd)
+            for at, key, bounds in zip(places, keys, given, strict=True):
+                limits = [self._bounds(j, key) for j in beside]
+                low[at : at + n], high[at : at + n] = _within(bounds, limits)
         limits = self.families[0].robot.limits
-        return (limits.qdd_min == 0.0) & (limits.qdd_max == 0.0)
+        held = (limits.qdd_min == 0.0) & (limits.qdd_max == 0.0)
+        if held.any():
+            positions, start = [q // n for q, *_ in layout.nodes], low[:n][held]
+            for table in (low, high):
+                of_joints = table[: layout.durations.start].reshape(-1, n)
+                of_joints[:, held] = 0.0
+                of_joints[np.ix_(positions, held)] = start
+        return low / scales.unknowns, high / scales.unknowns
 
     def _row_bounds(
         self, structure: FlatStructure, scales: Scales
     ) -> tuple[FloatArray, FloatArray]:
         rows = structure.rows
-        lengths = rows.lengths()
-        low = [np.full(rows.height, -np.inf), np.full(rows.height, np.inf)]
+        low, high = np.full(rows.height, -np.inf), np.full(rows.height, np.inf)
         for k, family in enumerate(self.families):
-            mine, joints = rows.phase == k, rows.torques
-            names = rows.limits[k]
-            for side, (bound, values) in enumerate(
-                zip(low, names.bounds(family, {} if k else self.widened), strict=True)
-            ):
+            mine, limits = rows.phase == k, rows.limits[k]
+            of_limits = limits.bounds(family, {} if k else self.widened)
+            spans = (rows.lengths()[mine] * scales.durations[k])[:, None]
+            for side, bound in enumerate((low, high)):
+                motion = np.array([self._bounds(k, key)[side] for key in POINT_KEYS])
+                rate = (self._bounds(k, "taud")[side] / scales.rate)[rows.torques]
                 for numbers, sizes in (
-                    (rows.at_points[mine, : names.count], values[None]),
-                    (
-                        rows.of_motion[mine],
-                        np.array([self._bounds(k, key)[side] for key in POINT_KEYS])
-                        / scales.motion,
-                    ),
+                    (rows.at_points[mine, : limits.count], of_limits[side]),
+                    (rows.of_motion[mine], motion / scales.motion),
                     # A row is a torque difference times (typical / actual duration): its bound is
                     # the rate times half an interval of the typical duration.
-                    (
-                        rows.of_rates[mine],
-                        (lengths[mine] * scales.durations[k])[:, None]
-                        * (self._bounds(k, "taud")[side] / scales.rate)[joints],
-                    ),
+                    (rows.of_rates[mine], spans * rate),
                     (rows.of_jerks[mine], self._bounds(k, "qddd")[side] / scales.jerk),
                 ):
                     there = numbers >= 0
                     bound[numbers[there]] = np.broadcast_to(sizes, numbers.shape)[there]
         for stop in rows.at_stops:
-            for bound, given in zip(low, stop.bounds, strict=True):
-                bound[stop.numbers] = given
-        return low[0], low[1]
+            low[stop.numbers], high[stop.numbers] = stop.bounds
+        return low, high
 
     @cached_property
     def is_stiff(self) -> bool:
@@ -531,14 +506,11 @@ def _within(
     given: Any, beside: Sequence[tuple[FloatArray, FloatArray]]
 ) -> tuple[FloatArray, FloatArray]:
     """Return bounds at a via point: the given ones, within those of the limits on both sides."""
-    low = np.max([bounds[0] for bounds in beside], axis=0)
-    high = np.min([bounds[1] for bounds in beside], axis=0)
-    if given is None:
-        return low, high
-    fixed = np.isfinite(given[0]) & np.isfinite(given[1])
-    return np.where(fixed, given[0], np.maximum(given[0], low)), np.where(
-        fixed, given[1], np.minimum(given[1], high)
-    )
+    lower, upper = (-np.inf, np.inf) if given is None else given
+    fixed = np.isfinite(lower) & np.isfinite(upper)
+    low = np.maximum(lower, np.max([bounds[0] for bounds in beside], axis=0))
+    high = np.minimum(upper, np.min([bounds[1] for bounds in beside], axis=0))
+    return np.where(fixed, lower, low), np.where(fixed, upper, high)
 
 
 def _moved_rows(old: FlatRows, new: FlatRows, values: FloatArray) -> FloatArray:

@@ -252,13 +252,8 @@ def _phase_windows(
 
 def _grouped(rows: Sequence[_Window], own: slice) -> tuple[Windows, ...]:
     """Return the windows grouped by their number of unknowns."""
-    sizes = sorted({row[1].size for row in rows})
     grouped = []
-    for size in sizes:
-        rows_of_size = [row for row in rows if row[1].size == size]
-        phase, columns, powers, anchored, weights, jerks, lengths, points = map(
-            np.array, zip(*rows_of_size, strict=True)
-        )
-        parts = phase, columns, powers, anchored, weights, jerks, lengths, points
-        grouped.append(Windows(*parts, own))
+    for size in sorted({row[1].size for row in rows}):
+        parts = zip(*(row for row in rows if row[1].size == size), strict=True)
+        grouped.append(Windows(*map(np.array, parts), own=own))
     return tuple(grouped)
