@@ -49,7 +49,7 @@ from microbot_ocp.planning.free._point_limits import (
     point_limits,
     without_distances,
 )
-from microbot_ocp.planning.free._problem import JERK_WEIGHT, free_problem, phase_shapes, scale_of
+from microbot_ocp.planning.free._problem import JERK_WEIGHT, free_problem, phase_shapes
 from microbot_ocp.planning.free._spline import DEGREE, SplineLayout, spline_layout
 from microbot_ocp.planning.task import (
     ROUGH_TOLERANCE,
@@ -57,6 +57,7 @@ from microbot_ocp.planning.task import (
     Task,
     TaskScale,
     dry_friction,
+    finite_scale,
     has_windows,
 )
 from microbot_ocp.robot import Robot
@@ -189,8 +190,8 @@ class FlatTranscription:
         motion = np.array(
             [
                 np.full(n, size.position),
-                scale_of(limits.bounds("qd"), size.velocity),
-                scale_of(limits.bounds("qdd"), size.acceleration),
+                finite_scale(*limits.bounds("qd"), otherwise=size.velocity),
+                finite_scale(*limits.bounds("qdd"), otherwise=size.acceleration),
             ]
         )
         unknowns = np.full(layout.size, size.position)
@@ -203,8 +204,8 @@ class FlatTranscription:
         unknowns[layout.durations] = size.time
         torque = self.limits[0].torque_scale  # independent of the current limits
         torque = torque if torque.size else np.ones(n)
-        rate = scale_of(limits.bounds("taud"), size.acceleration / size.time)
-        jerk = scale_of(limits.bounds("qddd"), size.jerk)
+        rate = finite_scale(*limits.bounds("taud"), otherwise=size.acceleration / size.time)
+        jerk = finite_scale(*limits.bounds("qddd"), otherwise=size.jerk)
         return Scales(unknowns, motion, torque, rate, jerk, size.durations)
 
     def program(self, meshes: Meshes) -> FlatProgram:

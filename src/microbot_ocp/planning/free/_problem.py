@@ -26,6 +26,7 @@ from microbot_ocp.planning.task import (
     TaskScale,
     declare_limits,
     derivatives_for,
+    finite_scale,
     has_windows,
     torques_of,
     windowed_torques,
@@ -147,8 +148,8 @@ class _Form:
     def scales(self) -> tuple[FloatArray, FloatArray]:
         """Scales [n] of velocities and accelerations."""
         limits: Any = self.family.robot.limits
-        velocity = scale_of(limits.bounds("qd"), self.size.velocity)
-        return velocity, scale_of(limits.bounds("qdd"), self.size.acceleration)
+        velocity = finite_scale(*limits.bounds("qd"), otherwise=self.size.velocity)
+        return velocity, finite_scale(*limits.bounds("qdd"), otherwise=self.size.acceleration)
 
     @property
     def held(self) -> np.ndarray:
@@ -305,18 +306,10 @@ def effort_scale(family: LimitFamily, acceleration: FloatArray) -> FloatArray:
     The scales are the torque limits, so that the effort is proportional to the heat losses of
     motors of equal quality; a joint without a limit has the largest one.
     """
-    limits = family.robot.limits
     if not family.robot.has_dynamics:
         return acceleration
-    size = np.maximum(-limits.tau_min, limits.tau_max)
-    usable = np.isfinite(size) & (size > 0)
-    return np.where(usable, size, size[usable].max() if usable.any() else 1.0)
-
-
-def scale_of(bounds: tuple[FloatArray, FloatArray], typical: FloatArray) -> FloatArray:
-    """Return the magnitudes of limits [n], or typical values for joints without a limit."""
-    size = np.maximum(-bounds[0], bounds[1])
-    return np.where(np.isfinite(size) & (size > 0), size, typical)
+    size = finite_scale(*family.robot.limits.bounds("tau"), otherwise=np.nan)
+    return np.nan_to_num(size, nan=1.0 if np.isnan(size).all() else np.nanmax(size))
 
 
 def _unless(held: np.ndarray, bounds: Bounds) -> Bounds | None:

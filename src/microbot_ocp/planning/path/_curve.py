@@ -17,7 +17,7 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import comb, perm, prod
+from math import comb, factorial, perm, prod
 from typing import Any
 
 import numpy as np
@@ -129,16 +129,11 @@ def _bent_power(x: FloatArray, powers: tuple[int, int], k: int, order: int) -> A
     rest, power = 1.0 - low, k * powers[0] / powers[1]
     total: Any = 0.0
     for i in range(order + 1):
-        factor = comb(order, i) * _falling(power, i) * _falling(k, order - i)
+        factor = comb(order, i) * perm(k, order - i) * prod(power - j for j in range(i))
         if factor:
             second = rest ** (order - i) * (low + rest * x) ** (k - order + i)
             total = total + factor * x ** (power - i) * second
     return total
-
-
-def _falling(power: float, count: int) -> float:
-    """Return the factor ``p (p - 1) ... (p - count + 1)`` of a derivative of x^p."""
-    return float(prod(power - k for k in range(count)))
 
 
 def _power_sum(table: Sequence[FloatArray], s: FloatArray, order: int) -> FloatArray:
@@ -290,11 +285,8 @@ def vanishing_orders(path: PiecewisePolynomial, s: FloatArray, *, from_left: boo
 
 def _shifted(table: FloatArray, by: float) -> FloatArray:
     """Return the coefficients of a polynomial in powers about another place (Taylor shift)."""
-    shifted = np.zeros_like(table)
-    for k in range(len(table)):
-        for j in range(k + 1):
-            shifted[j] += table[k] * comb(k, j) * by ** (k - j)
-    return shifted
+    place = np.array(by)
+    return np.array([_power_sum([*table], place, k) / factorial(k) for k in range(len(table))])
 
 
 def samples_along(shape: Sequence[FloatArray], rates: Sequence[ArrayLike]) -> MotionSamples:

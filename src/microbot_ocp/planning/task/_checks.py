@@ -441,7 +441,9 @@ def _declare_varying(
         declare(f"{name}, {side} limit", room, upper=0.0, scale=scale)
 
 
-def finite_scale(lower: FloatArray, upper: FloatArray) -> FloatArray:
-    """Return magnitudes [n] of limits; 1 for a joint without a limit."""
+def finite_scale(
+    lower: FloatArray, upper: FloatArray, otherwise: float | FloatArray = 1.0
+) -> FloatArray:
+    """Return magnitudes [n] of limits, or other values for joints without a limit."""
     size = np.maximum(np.abs(lower), np.abs(upper))
-    return np.where(np.isfinite(size) & (size > 0), size, 1.0)
+    return np.where(np.isfinite(size) & (size > 0), size, otherwise)
