@@ -11,6 +11,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 
 from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.codegen import compile_recipe, compiles
@@ -34,7 +35,6 @@ from microbot_ocp.planning.task import (
 )
 from microbot_ocp.robot import Robot
 
-BEFORE = 1e-9  # distance of the last check from the end of a piece, share of the piece
 JERK_WEIGHT = "jerk weight"  # name of a phase parameter
 CLOSED = 1e-5  # largest sum of gaps, share of the change of position or velocity
 BUDGET = "budget"  # name of a phase parameter
@@ -327,15 +327,15 @@ def excess_between(family: LimitFamily, solution: Solution) -> list[FloatArray]:
 def excess_along(family: LimitFamily, shape: PiecewisePolynomial) -> FloatArray:
     """Return the largest relative excess of any limit at K places of every piece, [N,K].
 
-    The last place lies just before the end of the piece, where the jerk of the next piece begins.
+    Both ends of the piece are places, with its own jerk.
     """
-    velocity = shape.derivative()
-    acceleration = velocity.derivative()
-    inside = np.linspace(0.0, 1.0 - BEFORE, CHECKS_PER_INTERVAL + 1)
-    t = (shape.breaks[:-1, None] + inside * np.diff(shape.breaks)[:, None]).ravel()
-    orders = (shape, velocity, acceleration, acceleration.derivative())
-    excess = family.excess(MotionSamples(*(order(t) for order in orders)))
-    return excess.reshape(-1, inside.size)
+    shares = np.linspace(0.0, 1.0, CHECKS_PER_INTERVAL + 1)
+    after, samples = (shares * np.diff(shape.breaks)[:, None])[..., None], []
+    for _ in MotionSamples._fields:
+        table = shape.coefficients.swapaxes(0, 1)[:, :, None]  # [degree+1,N,1,n]
+        samples.append(polyval(after, table, tensor=False).reshape(-1, table.shape[-1]))
+        shape = shape.derivative()
+    return family.excess(MotionSamples(*samples)).reshape(-1, shares.size)
 
 
 def via_times(solution: Solution) -> FloatArray:
