@@ -18,7 +18,7 @@ from microbot_ocp._base.checks import FloatArray
 from microbot_ocp._base.fast_calls import deferred_call
 from microbot_ocp.limits import ROUNDING, LimitFamily, LimitValues, Member
 from microbot_ocp.planning.path._curve import PathCurve, samples_along
-from microbot_ocp.planning.task import DRY, VISCOUS, dry_friction, friction, frictionless
+from microbot_ocp.planning.task import DRY, VISCOUS, dry_friction, frictionless
 from microbot_ocp.robot import COULOMB_SMOOTHING, Robot, inverse_dynamics
 
 FAR = 1e12  # finite stand-in for infinity
@@ -265,7 +265,7 @@ class LimitRows:
         v = np.sqrt(np.maximum(at_nodes, ROUNDING * max(float(x.max()), NEGLIGIBLE)))[:, None]
         columns, joints = self.torques
         tangent = nodes.tangent[:, joints]
-        viscous, dry = (friction(robot, kind)[joints] for kind in (VISCOUS, DRY))
+        viscous, dry = (robot.friction_of(kind)[joints] for kind in (VISCOUS, DRY))
         share = np.tanh(tangent * v / COULOMB_SMOOTHING)
         slope = tangent * (viscous + dry * (1.0 - share**2) / COULOMB_SMOOTHING) / (2.0 * v)
         # The coefficients already contain the full dry friction, which is subtracted here.

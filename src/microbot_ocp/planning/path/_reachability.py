@@ -41,7 +41,7 @@ from microbot_ocp.planning.path._limits import (
     nodes_of,
     speed_bound,
 )
-from microbot_ocp.planning.task import DRY, VISCOUS, friction
+from microbot_ocp.planning.task import DRY, VISCOUS
 
 SETTLED_CHANGE = 1e-4  # relative change of a duration that ends the doubling of the grid
 
@@ -170,7 +170,7 @@ class CurveLimits:
         s = path_grid(curve, grid) if isinstance(grid, int) else grid
         nodes = nodes_of(curve, s)
         limits = PathLimits.of(family, nodes, fast)
-        sizes = [friction(family.robot, kind) for kind in (VISCOUS, DRY)]
+        sizes = [family.robot.friction_of(kind) for kind in (VISCOUS, DRY)]
         has_friction = "tau" in limits.half_planes and bool(np.any(sizes))
         return cls(curve, fast, s, nodes, limits, LimitRows.of(nodes, limits), has_friction)
 

@@ -44,7 +44,6 @@ from ._friction import (
     WINDOW as WINDOW,
     WINDOW_REACH as WINDOW_REACH,
     dry_friction as dry_friction,
-    friction as friction,
     friction_rate as friction_rate,
     frictionless as frictionless,
     has_windows as has_windows,

@@ -137,13 +137,11 @@ def check_via(family: LimitFamily, via_q: ArrayLike, *, moving: bool = False) ->
         pose of rest that gravity makes impossible, or limits that make the motion last for days.
     """
     via = checks.array("via_q", via_q, (None, family.robot.joint_count), "rad")
-    if via.shape[0] < 2:
-        raise InputError(f"via_q must have at least 2 points, not {via.shape[0]}")
-    if via.shape[0] > MOST_VIA:
-        raise InputError(f"via_q must have at most {MOST_VIA} points, not {via.shape[0]:,}")
-    for index, point in enumerate(via):
-        check_position(family, f"via point {index + 1}", point)
-        apart = float(np.abs(point - via[index - 1]).max()) if index else np.inf
+    count = len(via)
+    if not 2 <= count <= MOST_VIA:
+        raise InputError(f"via_q must have at least 2 points and at most {MOST_VIA}, not {count:,}")
+    check_positions(family, lambda i: f"via point {i + 1}", via)
+    for index, apart in enumerate(np.abs(np.diff(via, axis=0)).max(axis=1), 1):
         if 0.0 < apart < NEAREST:
             raise too_near(index, apart, f"below {NEAREST:g} no certificate could tell them apart")
         if apart == 0.0 and moving and index == 1:
@@ -166,7 +164,7 @@ def check_via(family: LimitFamily, via_q: ArrayLike, *, moving: bool = False) ->
                 f"{end} at the next"
             )
     check_pace(family, via, at_rest=not moving)
-    for index in (len(via) - 1,) if moving else (0, len(via) - 1):
+    for index in (count - 1,) if moving else (0, count - 1):
         check_rest(family, lambda _, k=index: f"via point {k + 1}", via[[index]])
     return via
 
@@ -238,11 +236,6 @@ def with_locked_joints_held(family: LimitFamily, bounded: str | None = "qdd") ->
         changes[f"{key}_min"] = np.where(locked, -size, low)
         changes[f"{key}_max"] = np.where(locked, size, high)
     return LimitFamily.of(family.robot, family.robot.limits.changed(changes))
-
-
-def check_position(family: LimitFamily, label: str, q: FloatArray) -> None:
-    """Raise InputError if a pose [n] violates the limits of position."""
-    check_positions(family, lambda _: label, q[None])
 
 
 def check_positions(family: LimitFamily, label: Callable[[int], str], q: FloatArray) -> None:

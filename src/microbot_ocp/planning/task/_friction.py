@@ -37,14 +37,9 @@ LEAST_REVERSAL = 2.0 * COULOMB_SMOOTHING  # smallest change of velocity of a rev
 VISCOUS, DRY = "viscous_friction", "coulomb_friction"  # fields of a link
 
 
-def friction(robot: Robot, kind: str) -> FloatArray:
-    """Return the coefficients [n] of one kind of friction, SI; zero without masses."""
-    return robot.friction_of(kind)
-
-
 def dry_friction(robot: Robot) -> FloatArray:
     """Return the dry friction [n] of the joints, N m (N); zero without masses."""
-    return friction(robot, DRY)
+    return robot.friction_of(DRY)
 
 
 def has_windows(family: LimitFamily) -> bool:
@@ -55,7 +50,7 @@ def has_windows(family: LimitFamily) -> bool:
 @lru_cache(maxsize=64)
 def frictionless(robot: Robot, kinds: tuple[str, ...] = (VISCOUS, DRY)) -> Robot:
     """Return the robot with joints without these kinds of friction."""
-    if not any(friction(robot, kind).any() for kind in kinds):
+    if not any(robot.friction_of(kind).any() for kind in kinds):
         return robot
     return robot.with_links([replace(link, **dict.fromkeys(kinds, 0.0)) for link in robot.links])
 

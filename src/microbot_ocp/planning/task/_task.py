@@ -18,7 +18,7 @@ from microbot_ocp.planning.task._blending import curve_of, segment_name, with_co
 from microbot_ocp.planning.task._checks import (
     check_limits,
     check_pace,
-    check_position,
+    check_positions,
     check_rest,
     farthest_tool,
     fastest_tool,
@@ -483,7 +483,7 @@ def _check_stops(
         _check_tolerance(family.robot, f"stop {stop.name!r}", stop.tolerance, stop.q is not None)
         if stop.q is not None:
             checks.array(f"q of stop {stop.name!r}", stop.q, (count,), "rad")
-            check_position(family, f"stop {stop.name!r}", np.array(stop.q))
+            check_positions(family, lambda _, name=stop.name: f"stop {name!r}", np.array([stop.q]))
             if isinstance(stop.velocity, tuple):
                 _check_velocity(family.robot, stop)
         elif isinstance(stop.velocity, tuple):

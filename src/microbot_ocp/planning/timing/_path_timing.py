@@ -221,7 +221,9 @@ class _PathSearch:
     def run(self) -> Motion:
         """Time the path."""
         self.begin = time.perf_counter()
-        timings, excess = self._reach()
+        settled = [self._settled(curve) for curve in self.passed]
+        timings, excess = [timing for timing, _, _ in settled], max(most for *_, most in settled)
+        self.limits_kept_by = limits_kept_by(settled[0][1].limits)
         self.reached = sum(timing.duration for timing in timings)  # NaN if a segment is blocked
         self.blocked_at = [
             self._place(i, timing.blocked_at)
@@ -255,12 +257,6 @@ class _PathSearch:
         except deadline.Over:
             return self._passes_motion(timings, excess)
         return self._profile_motion(profiles)
-
-    def _reach(self) -> tuple[list[Reached], float]:
-        """Return the timing of every segment and the largest excess; store limits by method."""
-        timings = [self._settled(curve) for curve in self.passed]
-        self.limits_kept_by = limits_kept_by(timings[0][1].limits)
-        return [timing for timing, _, _ in timings], max(excess for _, _, excess in timings)
 
     def _settled(self, curve: PathCurve) -> tuple[Reached, CurveLimits, float]:
         """Return a timing on a grid that is refined until it settles and limits hold inside.

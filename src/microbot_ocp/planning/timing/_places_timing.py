@@ -36,7 +36,6 @@ from microbot_ocp.planning.task import (
     LDL,
     VISCOUS,
     dry_friction,
-    friction,
     frictionless,
 )
 from microbot_ocp.planning.timing._places_program import (
@@ -348,7 +347,7 @@ class _Timing:
         )
         common = [
             [self.time, smoothing],
-            *(friction(robot, kind) for kind in (VISCOUS, DRY)),
+            *(robot.friction_of(kind) for kind in (VISCOUS, DRY)),
             self.of_acceleration.size,
             self.of_rates.size,
         ]
