@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -191,39 +192,33 @@ class SparseEntries:
 
     def __init__(self, shape: tuple[int, int]) -> None:
         self.shape = shape
-        self._blocks: list[tuple[IntArray, IntArray, np.ndarray]] = []
+        self._blocks: list[Any] = []
 
-    def add(self, rows: IntArray, columns: IntArray, kept: np.ndarray) -> None:
-        """Add a block of entries at rows and columns; ``kept`` masks those that exist."""
-        shape = np.broadcast_shapes(rows.shape, columns.shape, kept.shape)
-        each = (np.broadcast_to(part, shape) for part in (rows, columns, kept))
-        self._blocks.append(tuple(each))  # pyright: ignore[reportArgumentType]
+    def add(self, rows: IntArray, columns: IntArray, kept: np.ndarray) -> int:
+        """Add entries at rows and columns, of which ``kept`` exist; return the block's index."""
+        self._blocks.append(np.broadcast_arrays(rows, columns, kept))
+        return len(self._blocks) - 1
 
     def placed(self) -> tuple[ca.Sparsity, list[IntArray]]:
         """Return the sparsity, and the index among its nonzeros of every entry of each block."""
-        masks = [kept.ravel() for *_, kept in self._blocks]
-        rows, columns = (
-            np.concatenate(
-                [block[k].ravel()[mask] for block, mask in zip(self._blocks, masks, strict=True)]
-            )
-            for k in (0, 1)
+        rows, columns, kept = (
+            np.concatenate([part.ravel() for part in parts])
+            for parts in zip(*self._blocks, strict=True)
         )
         # Compressed column order; np.unique sorts the keys and finds shared places.
-        keys = columns * self.shape[0] + rows
+        keys = (columns * self.shape[0] + rows)[kept]
         distinct, slots = np.unique(keys, return_inverse=True)
         column, row = np.divmod(distinct, self.shape[0])
         starts = np.searchsorted(column, np.arange(self.shape[1] + 1))
-        places, at = [], 0
-        for (_, _, kept), mask in zip(self._blocks, masks, strict=True):
-            place = np.full(kept.shape, NOWHERE, dtype=np.intc)
-            number = int(mask.sum())
-            place[kept] = slots[at : at + number]
-            at += number
-            places.append(place)
-        return ca.Sparsity(*self.shape, starts.tolist(), row.tolist()), places
+        places = np.full(kept.size, NOWHERE, dtype=np.intc)
+        places[kept] = slots
+        shapes = [kept.shape for *_, kept in self._blocks]
+        ends = np.cumsum([np.prod(shape) for shape in shapes])
+        of_blocks = map(np.reshape, np.split(places, ends[:-1]), shapes)
+        return ca.Sparsity(*self.shape, starts.tolist(), row.tolist()), [*of_blocks]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class WindowPlaces:
     """Indices among the nonzeros of the derivatives in windows of one size.
 
@@ -245,10 +240,10 @@ class WindowPlaces:
     limit_time: IntArray
     bound: IntArray
     bound_time: IntArray
-    rate: IntArray | None
-    rate_time: IntArray | None
-    jerk: IntArray | None
-    jerk_time: IntArray | None
+    rate: IntArray | None = None
+    rate_time: IntArray | None = None
+    jerk: IntArray | None = None
+    jerk_time: IntArray | None = None
     hessian: IntArray
     hessian_time: IntArray
     time_time: IntArray
@@ -266,55 +261,56 @@ def window_places(rows: FlatRows) -> tuple[ca.Sparsity, ca.Sparsity, list[Window
     jacobian = SparseEntries((rows.height, layout.size))
     hessian = SparseEntries((layout.size, layout.size))
     inside = [_add_window(rows, windows, jacobian, hessian) for windows in layout.every]
+    ends = []
     for stop in rows.at_stops:
         one, two = stop.columns[:, None], stop.columns[None, :]
-        jacobian.add(stop.numbers[:, None], two, np.array(True))
-        hessian.add(one, two, one <= two)
-    of_rows, first = jacobian.placed()
-    of_all, second = hessian.placed()
-    rest, others, places = iter(first), iter(second), []
-    for rates, jerks in inside:
-        limits = [next(rest) for _ in range(4)]
-        of_rates = [next(rest) if rates else None for _ in range(2)]
-        of_jerks = [next(rest) if jerks else None for _ in range(2)]
-        places.append(
-            WindowPlaces(*limits, *of_rates, *of_jerks, *(next(others) for _ in range(3)))
+        of_row = jacobian.add(stop.numbers[:, None], two, np.array(True))
+        ends.append((of_row, hessian.add(one, two, one <= two)))
+    (of_rows, first), (of_all, second) = jacobian.placed(), hessian.placed()
+    places = [
+        WindowPlaces(
+            **{name: first[at] for name, at in one.items()},
+            **{name: second[at] for name, at in two.items()},
         )
-    at_stops = [(next(rest), next(others)) for _ in rows.at_stops]
-    return of_rows, of_all, places, at_stops
+        for one, two in inside
+    ]
+    return of_rows, of_all, places, [(first[one], second[two]) for one, two in ends]
 
 
 def _add_window(
     rows: FlatRows, windows: Windows, jacobian: SparseEntries, hessian: SparseEntries
-) -> tuple[bool, bool]:
-    """Add the entries of windows; return whether they have torque rates and jerks."""
+) -> tuple[dict[str, int], dict[str, int]]:
+    """Add the entries of windows; return their blocks in both by the names of their places."""
     layout = rows.layout
     columns = windows.columns[..., None] + np.arange(layout.count)  # [K,M,n]
     time = layout.durations.start + windows.phase
     points, weights = windows.points[:, windows.own], windows.weights[:, windows.own]
-    used = (weights != 0.0).any(axis=2)  # [K,L,M]
 
-    def put(number: IntArray, at: IntArray, kept: np.ndarray | bool = True) -> None:
+    blocks: dict[str, int] = {}
+
+    def put(name: str, number: IntArray, at: IntArray, kept: np.ndarray | bool = True) -> None:
         # Entries of rows that do not exist, and of unknowns without weight, have no place.
-        jacobian.add(number, at, (number != NOWHERE) & kept)
+        blocks[name] = jacobian.add(number, at, (number != NOWHERE) & kept)
 
     at_points, of_motion = rows.at_points[points], rows.of_motion[points]
-    put(at_points[:, :, None, :, None], columns[:, None, :, None, :], used[..., None, None])
-    put(at_points, time[:, None, None])
-    put(of_motion[:, :, :, None, :], columns[:, None, None], (weights != 0.0)[..., None])
+    weighted = (weights != 0.0).any(axis=2)[..., None, None]
+    put("limit", at_points[:, :, None, :, None], columns[:, None, :, None, :], weighted)
+    put("limit_time", at_points, time[:, None, None])
+    weighted = (weights != 0.0)[..., None]
+    put("bound", of_motion[:, :, :, None, :], columns[:, None, None], weighted)
     # A position does not depend on the duration if its window has no v and a; zeros are stored.
-    put(of_motion, time[:, None, None, None])
-    rates, jerks = windows.is_interval and rows.torques.size > 0, False
-    if rates:
+    put("bound_time", of_motion, time[:, None, None, None])
+    if windows.is_interval and rows.torques.size > 0:
         number = rows.of_rates[windows.points[:, :2]]
-        put(number[:, :, None, :, None], columns[:, None, :, None, :])
-        put(number, time[:, None, None])
+        put("rate", number[:, :, None, :, None], columns[:, None, :, None, :])
+        put("rate_time", number, time[:, None, None])
     if windows.is_interval and (rows.of_jerks != NOWHERE).any():
-        jerks, number = True, rows.of_jerks[windows.points[:, 0]]
-        put(number[:, None, :], columns)
-        put(number, time[:, None])
+        number = rows.of_jerks[windows.points[:, 0]]
+        put("jerk", number[:, None, :], columns)
+        put("jerk_time", number, time[:, None])
     first, second = columns[:, :, None, :, None], columns[:, None, :, None, :]
-    hessian.add(first, second, first <= second)
-    hessian.add(columns, time[:, None, None], np.array(True))
-    hessian.add(time, time, np.array(True))
-    return rates, jerks
+    return blocks, {
+        "hessian": hessian.add(first, second, first <= second),
+        "hessian_time": hessian.add(columns, time[:, None, None], np.array(True)),
+        "time_time": hessian.add(time, time, np.array(True)),
+    }
