@@ -36,9 +36,6 @@ TINY = np.finfo(float).tiny / np.finfo(float).eps  # divisor in place of zero
 CORNER_JUMP = 1e-6  # jump of the tangent that counts as a corner, per largest tangent
 
 
-END_MARGIN = 1e-10  # share of a bent piece left out at the end where powers of r are infinite
-
-
 @dataclass(frozen=True, eq=False)
 class CurvePiece:
     """One polynomial piece of a path.
@@ -90,7 +87,7 @@ class CurvePiece:
         """First and last r in use."""
         if not self.bent:
             return 0.0, self.span
-        margin = END_MARGIN * self.span
+        margin = ROUNDING * self.span  # at the end itself powers of r are infinite
         return (0.0, self.span - margin) if self.bent_at_end else (margin, self.span)
 
     def from_the_bent_end(self, r: FloatArray) -> tuple[FloatArray, float]:

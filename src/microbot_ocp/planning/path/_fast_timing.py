@@ -211,7 +211,6 @@ def timed(
 
 CUBIC_STEPS = 3  # smallest number of steps in an interval with a cubic acceleration
 BENT_STEPS = 12  # smallest number of steps in other intervals, and next to stops
-SAME_TIME = 1e-14  # difference of two times that counts as zero, per duration
 
 
 def sampled(
@@ -244,7 +243,7 @@ def sampled(
         breaks.append(begin + reached.t[1:])
         begin += reached.duration
     t = np.concatenate(times)
-    keep = np.append(True, np.diff(t) > SAME_TIME * t[-1])
+    keep = np.append(True, np.diff(t) > 0.0)
     keep[-1] = True
     joined = (np.concatenate(parts)[keep] for parts in zip(*states, strict=True))
     return t[keep], State(*joined), np.concatenate(breaks)

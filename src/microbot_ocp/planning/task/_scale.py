@@ -77,8 +77,7 @@ class TaskScale:
             family, via[:-1] + share * np.diff(via, axis=0)
         )
         # A joint alone needs from rest to rest over a distance d: 2 sqrt(d / a) under an
-        # acceleration a (bang-bang), (32 d / j)^(1/3) under a jerk j, 1.5 d / v under a velocity v
-        # (cubic).
+        # acceleration a (bang-bang), 1.5 d / v under a velocity v (cubic).
         with np.errstate(divide="ignore", invalid="ignore"):
             alone, given = 2.0 * np.sqrt(steps / accelerated), 0.0
             if velocities is not None and velocities.any():
@@ -88,7 +87,7 @@ class TaskScale:
                 [
                     1.5 * steps / speed,
                     alone,
-                    np.cbrt(32.0 * steps / jerk_limit),
+                    _under_jerk(steps, jerk_limit),
                     holding,
                 ],
                 posinf=0.0,
@@ -208,7 +207,7 @@ def single_joint_rates(family: LimitFamily, q: FloatArray) -> tuple[FloatArray, 
     ways = np.abs(np.diff(q, axis=0)).sum(axis=0)
     _, jerk, _ = _single_joint_bounds(family, q[:, None])
     with np.errstate(divide="ignore", invalid="ignore"):
-        lasts = np.cbrt(32.0 * ways / jerk)
+        lasts = _under_jerk(ways, jerk)
         most = {"qd": 2.0 * ways / lasts, "qdd": jerk * lasts / 4.0}
     changes = {}
     for key, size in most.items():
@@ -217,6 +216,11 @@ def single_joint_rates(family: LimitFamily, q: FloatArray) -> tuple[FloatArray, 
         changes[f"{key}_min"] = np.maximum(low, -size)
         changes[f"{key}_max"] = np.minimum(high, size)
     return jerk, changes
+
+
+def _under_jerk(ways: FloatArray, jerk: FloatArray) -> FloatArray:
+    """Return the durations of joints alone over distances from rest to rest, (32 d / j)^(1/3)."""
+    return np.cbrt(32.0 * ways / jerk)
 
 
 def _single_joint_bounds(

@@ -27,7 +27,7 @@ from microbot_ocp.limits import LimitFamily, MotionSamples
 from microbot_ocp.motion import with_parts
 from microbot_ocp.ocp.mesh import Round, divide, refined
 from microbot_ocp.ocp.solution import Attempt, StartingPoint, StepProgress, gap_of
-from microbot_ocp.ocp.solvers import Runner, SolverSettings
+from microbot_ocp.ocp.solvers import LEAST_WARM_BARRIER, Runner, SolverSettings
 from microbot_ocp.ocp.transcription import Bounds
 from microbot_ocp.planning.path import PathCurve, Reached, largest_speeds, samples_along
 from microbot_ocp.planning.task import (
@@ -140,7 +140,6 @@ class SpeedProfile:
         return replace(self, s=s, v=ratio * v, a=a, a_end=a_end, d=d)
 
 
-FINER_BARRIER = 1e-7  # barrier parameter of a solve from a coarser mesh
 MOST_MESHES = 10  # largest number of solves on finer meshes
 SETTLED_MESH = 5e-5  # relative change of the duration between meshes that ends the refinement
 ORDER = 2  # the excess falls with the third power of the step
@@ -175,7 +174,7 @@ def timed_on_places(
         profile = _with_friction(family, start, fast, smoothing)
 
     def solved(_: SpeedProfile, finer: SpeedProfile) -> SpeedProfile:
-        return _Timing(family, finer, fast).solved(FINER_BARRIER, bent=True)
+        return _Timing(family, finer, fast).solved(LEAST_WARM_BARRIER, bent=True)
 
     def measured(rounds: _Rounds, profile: SpeedProfile) -> FloatArray:
         excess = np.maximum(excess_of(family, profile).max(axis=1), 0.0)
