@@ -425,9 +425,8 @@ class FlatTranscription:
         assert guess.variables is not None
         same = all(np.array_equal(o.mesh, m) for o, m in zip(olds, layout.meshes, strict=True))
         old_rows = olds[0].rows_of_all
-        motion = []
-        for phase, mesh in zip(guess.phases, layout.meshes, strict=True):
-            motion.append((phase.duration, resampled(phase, mesh)))
+        pairs = zip(guess.phases, layout.meshes, strict=True)
+        motion = [(phase.duration, resampled(phase, mesh)) for phase, mesh in pairs]
         packed = self._packed(layout, motion, self._starts)
         x = self._inside(program, packed / scales.unknowns)
         multipliers = guess.row_multipliers, guess.variable_multipliers
@@ -437,10 +436,7 @@ class FlatTranscription:
             return StartingPoint(x, *multipliers)
         # Multipliers at via points and of durations carry over; inner coefficients have no bounds.
         moved = _moved_rows(old_rows, program.structure.rows, multipliers[0])
-        # Inner coefficients have no bounds, hence no multipliers.
-        variables = np.zeros(layout.size)
-        old_layout = old_rows.layout
-        n = layout.count
+        variables, old_layout, n = np.zeros(layout.size), old_rows.layout, layout.count
         for old, new in zip(old_layout.nodes, layout.nodes, strict=True):
             for a, b in zip(old, new, strict=True):
                 variables[b : b + n] = multipliers[1][a : a + n]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -172,6 +171,13 @@ class Task:
         ends = index in (0, last) and not self.cycle
         return ends or bool(stop.dwell) or stop.payload is not None
 
+    def pace(self, index: int) -> tuple[float, ...] | None:
+        """Return the given velocity at a stop, empty at rest; None if any velocity is allowed."""
+        if self.at_rest(index):
+            return ()
+        velocity = self.stops[index].velocity
+        return velocity if isinstance(velocity, tuple) else None
+
     @cached_property
     def conditions(self) -> Conditions:
         """Conditions of the optimal-control problem."""
@@ -209,10 +215,9 @@ class Task:
             )
         else:
             rows += pose_rows(robot, stop)
-        rest, zero = self.at_rest(index), np.zeros(robot.joint_count)
-        stated = rest or isinstance(stop.velocity, tuple)
-        if stated:
-            given = zero if rest else np.array(stop.velocity)
+        rest, zero, pace = self.at_rest(index), np.zeros(robot.joint_count), self.pace(index)
+        if pace is not None:
+            given = zero if rest else np.array(pace)
             if rest or stop.q is not None:
                 qd = (given, given)
             else:
@@ -223,9 +228,8 @@ class Task:
             given = zero if stop.acceleration is None else np.array(stop.acceleration)
             qdd = (given, given)
         ends = (_effective(robot, stop, row) for row in rows)
-        return EndConditions(
-            q, qd, tuple(filter(None, ends)), qdd=qdd, acceleration_jumps=stated and not rated
-        )
+        jumps = pace is not None and not rated
+        return EndConditions(q, qd, tuple(filter(None, ends)), qdd=qdd, acceleration_jumps=jumps)
 
 
 AT_MOST_ONE: Bounds = np.array([-np.inf]), np.array([1.0])
@@ -353,12 +357,10 @@ def task_of(
         given.append(given[0])
     kinds = list(segments) if segments is not None else [None] * (len(given) - 1)
     _check_kinds(kinds, given, cycle)
-    _check_stops(family, given, kinds, cycle)
-    for kind, (before, after) in zip(kinds, itertools.pairwise(given), strict=True):
-        if isinstance(kind, Line | Circle | JointLine):
-            name = f"the {segment_name(kind, before, after)}"
-            _check_tolerance(robot, name, kind.tolerance, isinstance(kind, JointLine))
-    task = Task(family, *with_corners_cut(robot, given, kinds), cycle=cycle)
+    task = Task(family, tuple(given), tuple(kinds), cycle)
+    _check_stops(task)
+    stops, kinds = with_corners_cut(robot, given, kinds)
+    task = replace(task, stops=stops, segments=kinds)
     if cycle:
         _check_put_down(task)
     _check_rests(task)
@@ -453,36 +455,28 @@ def _check_put_down(task: Task) -> None:
         )
 
 
-def _pace(stop: Stop, is_end: bool) -> tuple[float, ...] | None:
-    """Return the given velocity at a stop, empty at rest; None if any velocity is allowed."""
-    if isinstance(stop.velocity, tuple):
-        return stop.velocity if any(stop.velocity) else ()
-    rests = is_end or bool(stop.dwell) or stop.payload is not None
-    return () if stop.velocity == "rest" or (stop.velocity is None and rests) else None
-
-
-def _check_stops(
-    family: LimitFamily, stops: Sequence[Stop], kinds: Sequence[Segment], cycle: bool
-) -> None:
-    count = family.robot.joint_count
-    for (before, after), kind in zip(itertools.pairwise(stops), kinds, strict=True):
+def _check_stops(task: Task) -> None:
+    family, stops = task.family, task.stops
+    for k, kind in enumerate(task.segments):
+        before, after = stops[k : k + 2]
         places = [(stop.q, stop.position, stop.orientation) for stop in (before, after)]
-        paces = [
-            _pace(stop, stop in (stops[0], stops[-1]) and not cycle) for stop in (before, after)
-        ]
         # An arm that moves in equal places returns: the two stops are not one.
+        paces = task.pace(k), task.pace(k + 1)
         turns = None not in paces and paces[0] != paces[1]
         if places[0] == places[1] and not turns and not isinstance(kind, Circle):
-            if cycle and len(stops) == 2:
+            if task.cycle and len(stops) == 2:
                 raise InputError("a cycle needs at least two stops, not one")
-            advice = ": a cycle returns to its first stop by itself" if cycle else ""
+            advice = ": a cycle returns to its first stop by itself" if task.cycle else ""
             raise InputError(
                 f"stops {before.name!r} and {after.name!r} are at the same place{advice}"
             )
+        if isinstance(kind, Line | Circle | JointLine):
+            where, of_joints = f"the {task.name_of(k)}", isinstance(kind, JointLine)
+            _check_tolerance(family.robot, where, kind.tolerance, of_joints)
     for stop in stops:
         _check_tolerance(family.robot, f"stop {stop.name!r}", stop.tolerance, stop.q is not None)
         if stop.q is not None:
-            checks.array(f"q of stop {stop.name!r}", stop.q, (count,), "rad")
+            checks.array(f"q of stop {stop.name!r}", stop.q, (family.robot.joint_count,), "rad")
             check_positions(family, lambda _, name=stop.name: f"stop {name!r}", np.array([stop.q]))
             if isinstance(stop.velocity, tuple):
                 _check_velocity(family.robot, stop)
