@@ -368,8 +368,8 @@ class SampledLoop(NamedTuple):
     gains: FloatArray
     disturbance: ca.Function | None  # maps time to torque
     signal: Signal
-    t: FloatArray  # times of the samples [K]
-    within: FloatArray  # times of the result since the last sample [M], s, up to the period
+    t: FloatArray  # sample times [K]
+    within: FloatArray  # result times since the last sample [M], s, up to the period
     errors: FloatArray  # measurement errors [K, 2n]
     delay: int  # samples between a measurement and its torque
 
