@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
 
 AGREEING_STARTS = 2  # starts that have to lead to the best of several optima
+RARE_SHARE = 0.05  # fraction of the starts below which others may have been missed
 
 INSIDE = ("polynomial", "algebraic")  # variable shapes with values at the points of a scheme
 UNCOMPARED = "compared with nothing"
@@ -282,7 +283,7 @@ class Solution(Hinting, Portable):
     @property
     def unsettled(self) -> bool:
         """True for one of several local optima whose least one was found from few starts."""
-        return bool(self.rivals) and self.agreed < AGREEING_STARTS
+        return bool(self.rivals) and self.agreed < max(AGREEING_STARTS, RARE_SHARE * self.compared)
 
     def with_rivals_of(self, other: Solution) -> Solution:
         """Return a copy with the rivals and remarks of another solution."""
