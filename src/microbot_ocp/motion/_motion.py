@@ -28,7 +28,14 @@ from microbot_ocp._base.status import Status
 from microbot_ocp.limits import MotionSamples, StateHistory
 from microbot_ocp.motion._export import export
 from microbot_ocp.motion._polynomial import PiecewisePolynomial, State, quintic_between
-from microbot_ocp.motion._sampling import JUMP_GAP, dense_times, history_of, jump_gaps, numbered
+from microbot_ocp.motion._sampling import (
+    JUMP_GAP,
+    JUMP_SHARE,
+    dense_times,
+    history_of,
+    jump_gaps,
+    numbered,
+)
 from microbot_ocp.motion._sensitivities import Sensitivities, sensitivities_of
 from microbot_ocp.robot import Robot
 
@@ -555,7 +562,8 @@ def sample_times(breaks: FloatArray, jumps: FloatArray, step: float, least: int 
     # jump: breaks that equal all samples would look like the default.
     count[0] = max(count[0], 2 if length[0] > 6 * JUMP_GAP else 1)
     jumping = np.isin(breaks[1:], jumps)
-    last = breaks[1:] - np.where(jumping, np.minimum(JUMP_GAP, 0.01 * length / count), 0.0)
+    gap = np.minimum(JUMP_GAP, 0.5 * JUMP_SHARE * length / count)
+    last = breaks[1:] - np.where(jumping, gap, 0.0)
     i, k = numbered(count + jumping)
     return np.append(start[i] + k / count[i] * (last - start)[i], breaks[-1])
 

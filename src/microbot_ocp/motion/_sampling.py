@@ -85,8 +85,8 @@ def dense_times(motion: Motion) -> tuple[FloatArray, float]:
     step = max(DENSE_STEP, checks.longest_step(motion.duration, round(checks.SLOW / DENSE_STEP)))
     ratio = int(np.clip(MANY_POINTS // lengths.size, LEAST_POINTS, POINTS_PER_INTERVAL))
     points = np.maximum(ratio, np.ceil(lengths / step - ROUNDING)).astype(int)
-    # Points just before each break give the limits from the left.
-    before = mesh[1:-1] - np.minimum(2 * JUMP_GAP, 1e-3 * lengths[:-1])
+    # The numbers just below the breaks give the limits from the left.
+    before = np.nextafter(mesh[1:-1], 0.0)
     grid = np.concatenate([with_parts(mesh, points), before, motion.t])
     return np.unique(grid), float(points.min())
 
