@@ -507,19 +507,15 @@ def torque_along(robot: Robot, state: State) -> FloatArray:
     return robot.torques_along(q, state.qd, state.qdd)["tau"]
 
 
-NEGLIGIBLE_TERM = 1e-8  # size of a neglected term of a polynomial, relative to the acceleration
-
-
 def _steps_to_tell(acceleration: PiecewisePolynomial) -> int:
     """Return the number of steps in an interval from whose samples the acceleration follows.
 
-    The number is the degree of the acceleration, at least 1.
+    The number is the degree of the acceleration, without terms of rounding, and at least 1.
     """
     terms = np.abs(acceleration.coefficients).max(axis=2)
     terms = terms * np.diff(acceleration.breaks)[:, None] ** np.arange(terms.shape[1])
-    return max(
-        1, int(np.flatnonzero((terms > NEGLIGIBLE_TERM * terms.max()).any(axis=0))[-1:].sum())
-    )
+    present = (terms > ROUNDING * terms.max()).any(axis=0)
+    return max(1, int(np.flatnonzero(present)[-1:].sum()))
 
 
 TORQUE_EXCESS = 0.02  # excess over the torques at both neighbouring samples, by the largest torque
