@@ -413,7 +413,7 @@ def _horner(coefficients: FloatArray, local: FloatArray) -> FloatArray:
 
 def _candidates(use: FloatArray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return local maxima of ``use`` [pieces, points, channels] that may hold the overall one."""
-    finite = np.where(np.isfinite(use), use, -1e300)
+    finite = np.where(np.isfinite(use), use, -1.0)  # below any use of a limit
     left = np.full_like(finite, -np.inf)
     right = np.full_like(finite, -np.inf)
     left[:, 1:], right[:, :-1] = finite[:, :-1], finite[:, 1:]
