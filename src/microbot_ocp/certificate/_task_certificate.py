@@ -92,8 +92,8 @@ def _steps(motion: Motion, times: Sequence[float]) -> list[Check]:
     for time in times:
         before, after = (motion.sample([time + k * 2 * JUMP_GAP]) for k in (-1, 1))
         moved = after.q - before.q - 2 * JUMP_GAP * (before.qd + after.qd)
-        # The velocity may change by 1e4 rad/s^2 over the gap around the jump.
-        still = STILL + 4 * JUMP_GAP * 1e4
+        # The velocity may change by the accelerations beside the jump, over the time between both.
+        still = STILL + 4 * JUMP_GAP * float(np.abs([before.qdd, after.qdd]).max())
         for what, unit, steps, allowed in (
             ("position", "rad", moved, CONTINUOUS),
             ("velocity", "rad/s", after.qd - before.qd, still),
