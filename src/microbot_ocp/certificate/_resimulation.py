@@ -382,9 +382,6 @@ def _linearised(robot: Robot, state: State) -> FloatArray:
     return slopes
 
 
-DIFFERENCE_STEP = 1e-6  # step of the finite differences, rad (m) and rad/s (m/s)
-
-
 def _slopes(
     robot: Robot, q: FloatArray, qd: FloatArray, tau: FloatArray, by: tuple[float, float]
 ) -> FloatArray:
@@ -393,13 +390,13 @@ def _slopes(
     ``by`` is (1, 0) for the derivative by the position and (0, 1) for the derivative by the
     velocity. Entries are zero where the mass matrix is singular.
     """
-    base = _accelerations(robot, q, qd, tau)
+    base, size = _accelerations(robot, q, qd, tau), np.sqrt(np.finfo(float).eps)
     with np.errstate(over="ignore", invalid="ignore"):
         changes = [
             _accelerations(robot, q + by[0] * step, qd + by[1] * step, tau) - base
-            for step in DIFFERENCE_STEP * np.eye(robot.joint_count)
+            for step in size * np.eye(robot.joint_count)
         ]
-        return np.nan_to_num(np.stack(changes, axis=2) / DIFFERENCE_STEP)
+        return np.nan_to_num(np.stack(changes, axis=2) / size)
 
 
 def _accelerations(robot: Robot, q: FloatArray, qd: FloatArray, tau: FloatArray) -> FloatArray:
