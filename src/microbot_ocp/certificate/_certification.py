@@ -58,7 +58,7 @@ class Tolerances(NamedTuple):
     limit: float = LIMIT_TOLERANCE
     position: float = 1e-3
     torque: float = 1e-5
-    via: float = 1e-3
+    via: float = position
 
 
 USUAL = Tolerances()
