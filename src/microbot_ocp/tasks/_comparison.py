@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from microbot_ocp._base import checks, deadline
-from microbot_ocp._base.checks import FloatArray, InputError
+from microbot_ocp._base.checks import ROUNDING, FloatArray, InputError
 from microbot_ocp._base.foreign_words import HintingOfArms
 from microbot_ocp._base.showing import DrawnAxes, GivenAxes, view_for
 from microbot_ocp._base.status import Status
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from microbot_ocp._base.table import Table
 
 REFERENCE = "cubic"  # name of the reference if no baseline is solved
-LEAST_TIME = 1e-3  # s, time limit of a method after the total time is over
 SOLVING = 0.8  # share of a method's time for the solver; the certificate has the rest
 # Units of work of a method or an output, for the progress bar; the default is 1 (about 1 s).
 WORK = {"straight_path": 8, "cubic_path": 8, "time_optimal": 20}
@@ -364,7 +363,8 @@ def compare(
         reporter = quiet if progress is None else report
         task = ComparedTask(family, via, times, velocities, blend, free, path, reporter)
         report("solving")
-        seconds = max((until - time.perf_counter()) / (len(names) - index), LEAST_TIME)
+        # A time limit is above 0, also for a method that has no time left.
+        seconds = max((until - time.perf_counter()) / (len(names) - index), ROUNDING)
         begin, motion, note = time.perf_counter(), None, ""
         try:
             with deadline.within(SOLVING * seconds):
@@ -459,7 +459,7 @@ def _certified(
     """Return an entry with its motion and a certificate made within ``left`` s."""
     tau = motion.tau if task.robot.has_dynamics else np.full_like(motion.tau, np.nan)
     motion = replace(motion, provenance={**motion.provenance, "robot": task.robot.name})
-    with deadline.within(max(left, LEAST_TIME)):
+    with deadline.within(max(left, ROUNDING)):
         certificate = certificate_of(task.family, motion, task.via_q)
     return replace(
         entry,
