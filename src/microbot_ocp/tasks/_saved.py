@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -107,5 +108,5 @@ def _entry(robot: Robot, via: FloatArray, folder: Path, name: str, row: Mapping[
 
 
 def _float(value: Any) -> float:
-    usable = isinstance(value, int | float) and abs(value) < 1e300
-    return float(value) if usable else float("nan")
+    usable = isinstance(value, int | float) and abs(value) <= sys.float_info.max
+    return float(value) if usable else np.nan
