@@ -28,7 +28,7 @@ from microbot_ocp._base.messages import check_message, kind_of
 from microbot_ocp._base.reading import bytes_of, text_of, yaml_of
 from microbot_ocp._base.schema import refuse_toml
 from microbot_ocp._base.writing import digest
-from microbot_ocp.motion import FIELDS, Mark, Motion, marks_path
+from microbot_ocp.motion import FIELDS, NANOSECONDS, Mark, Motion, marks_path
 from microbot_ocp.robot import Robot
 
 FORMATS = (".csv", ".json", ".yaml", ".yml", ".npz")
@@ -396,7 +396,7 @@ def _seconds(point: Any, row: int) -> float:
         whole = stamp.get("sec", stamp.get("secs"))
         rest = stamp.get("nanosec", stamp.get("nsecs", 0))
         if isinstance(whole, int) and isinstance(rest, int):
-            return whole + 1e-9 * rest
+            return whole + rest / NANOSECONDS
     elif isinstance(stamp, int | float):
         return float(stamp)
     raise InputError(f"time_from_start of point {row + 1} must be a time, not {shown(stamp)}")

@@ -4,6 +4,7 @@ from ._export import (
     EXPORT_FORMATS as EXPORT_FORMATS,
     FIELDS as FIELDS,
     FILM_FORMATS as FILM_FORMATS,
+    NANOSECONDS as NANOSECONDS,
     Columns as Columns,
     marks_path as marks_path,
     write_columns as write_columns,
