@@ -37,6 +37,7 @@ from microbot_ocp.limits import (
     StateHistory,
 )
 from microbot_ocp.motion import (
+    TORQUE_EXCESS,
     Motion,
     State,
     dense_times,
@@ -411,9 +412,6 @@ def _stored_torque(robot: Robot, motion: Motion, allowed: float, start: float) -
     )
     passed = not error > allowed
     return Check("stored torque", passed, problem, name, float(moment), error, allowed)
-
-
-TORQUE_EXCESS = 0.05  # excess of the torque between two samples, relative to the largest
 
 
 def _between_samples(

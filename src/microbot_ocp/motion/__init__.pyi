@@ -12,6 +12,7 @@ from ._export import (
 from ._motion import (
     SAMPLE_STEP as SAMPLE_STEP,
     SCHEMA as SCHEMA,
+    TORQUE_EXCESS as TORQUE_EXCESS,
     Mark as Mark,
     Motion as Motion,
     Outcome as Outcome,

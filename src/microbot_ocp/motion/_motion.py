@@ -518,7 +518,7 @@ def _steps_to_tell(acceleration: PiecewisePolynomial) -> int:
     return max(1, int(np.flatnonzero(present)[-1:].sum()))
 
 
-TORQUE_EXCESS = 0.02  # excess over the torques at both neighbouring samples, by the largest torque
+TORQUE_EXCESS = 0.05  # excess over the torques at both neighbouring samples, by the largest torque
 MOST_RESOLVED = 200_000  # samples above which the torque between them is not evaluated
 
 
