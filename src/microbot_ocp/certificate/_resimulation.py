@@ -3,10 +3,10 @@
 Each segment starts at the motion's own state. The driving torque is the inverse dynamics of the
 interpolated accelerations, plus the interpolated difference between stored torques and inverse
 dynamics. Gauss-Legendre collocation integrates the forward dynamics, solved for all segments at
-once by Picard iteration, or by simplified Newton iteration where friction makes a segment stiff.
-The error at the end of a segment is judged as the constant torque that would cause it, computed
-with the mass matrix. If the mass matrix is nearly singular, torques do not determine the
-acceleration; there the motion's own acceleration is integrated, and inverse dynamics judge it.
+once by Newton iteration with the damping of friction, which may make a segment stiff. The error at
+the end of a segment is judged as the constant torque that would cause it, computed with the mass
+matrix. If the mass matrix is nearly singular, torques do not determine the acceleration; there the
+motion's own acceleration is integrated, and inverse dynamics judge it.
 
 Theory: docs/theory/certificates.md, equations (2) and (3).
 """
@@ -247,7 +247,7 @@ def _integrated(
     converged = ~determined
     inertia = matrices.reshape(h.size, NODES, count, count)[:, NODES // 2]
     open_ = determined & ~(inner & _rough(inertia, qdd, allowed))
-    stiff, modes = _stiff_modes(robot, flat, tau, h)
+    modes = _newton_modes(robot, flat, tau, h)
     # Collocation of equation (2) on all open segments, A = INTEGRALS: qd = qd0 + h A qdd(q, qd) and
     # q = q0 + h A qd. Segments leave the iteration as they converge or diverge.
     for _ in range(MOST_ITERATIONS):
@@ -255,11 +255,10 @@ def _integrated(
             break
         qdd[open_] = _accelerations(robot, q[open_], qd[open_], tau[open_])
         with np.errstate(over="ignore", invalid="ignore"):
-            speed = qd0[open_] + h1[open_] * (INTEGRALS @ qdd[open_])
-            # Stiff segments: Newton with the damping slope D, (I - A x hD) change = residual.
-            both = open_ & stiff
-            change = modes[both[stiff]] @ (_to_modes @ (speed - qd[open_])[both[open_]])[..., None]
-            speed[both[open_]] = qd[both] + (_to_places @ change[..., 0]).real
+            # Newton with the damping slope D: (I - A x hD) change = residual.
+            residual = qd0[open_] + h1[open_] * (INTEGRALS @ qdd[open_]) - qd[open_]
+            change = modes[open_] @ (_to_modes @ residual)[..., None]
+            speed = qd[open_] + (_to_places @ change[..., 0]).real
             place = q0[open_] + h1[open_] * (INTEGRALS @ speed)
             # An error of the velocity counts by the position error that it causes in the segment.
             change = np.maximum(
@@ -307,24 +306,16 @@ def _rough(inertia: FloatArray, qdd: FloatArray, allowed: FloatArray) -> BoolArr
     return np.logical_or.reduce(torque > RESOLVED_TAIL * allowed, axis=1)
 
 
-STIFF_DAMPING = 0.5  # damping rate times length above which Newton iteration solves a segment
-
-
-def _stiff_modes(
-    robot: Robot, state: State, tau: FloatArray, h: FloatArray
-) -> tuple[BoolArray, NDArray[Any]]:
-    """Return the mask of stiff segments [K], and the inverses of Newton's matrices for those.
+def _newton_modes(robot: Robot, state: State, tau: FloatArray, h: FloatArray) -> NDArray[Any]:
+    """Return the inverses [K,NODES,n,n] of Newton's matrices for the eigenvectors of ``INTEGRALS``.
 
     The derivative of the acceleration by the velocity is evaluated at the middle of each segment.
-    The inverses [stiff,NODES,n,n] belong to the eigenvectors of ``INTEGRALS``.
     """
     middle = slice(NODES // 2, None, NODES)
     torque = tau[:, NODES // 2]
     slopes = _slopes(robot, state.q[middle], state.qd[middle], torque, (0.0, 1.0))
     slopes *= h[:, None, None]
-    stiff: BoolArray = np.abs(slopes).max(axis=(1, 2)) > STIFF_DAMPING
-    matrices = np.eye(robot.joint_count) - MODES[:, None, None] * slopes[stiff, None]
-    return stiff, np.linalg.inv(matrices)
+    return np.linalg.inv(np.eye(robot.joint_count) - MODES[:, None, None] * slopes[:, None])
 
 
 def _figures_of(
