@@ -368,7 +368,7 @@ def compare(
         begin, motion, note = time.perf_counter(), None, ""
         try:
             with deadline.within(SOLVING * seconds):
-                motion = METHODS[name].solve(*METHODS[name].arguments(task))
+                motion = METHODS[name].solve(task)
         except InputError as problem:  # other methods may still solve the task
             note = str(problem)
         wall = time.perf_counter() - begin

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -93,11 +92,10 @@ class ComparedTask:
 
 @dataclass(frozen=True)
 class Method:
-    """Method: a function and its arguments from the task, by default the task itself."""
+    """Method: a function from the task to a motion."""
 
     title: str
-    solve: Callable[..., Motion]
-    arguments: Callable[[ComparedTask], tuple[Any, ...]] = lambda task: (task,)
+    solve: Callable[[ComparedTask], Motion]
     timed: bool = False  # needs via_t
     baseline: bool = False  # textbook method; the fastest baseline is the reference
 
@@ -207,6 +205,11 @@ def _cubic_path(task: ComparedTask) -> Motion:
     return _timed(task, path, "cubic's path, best timing")
 
 
+def _time_optimal(task: ComparedTask) -> Motion:
+    through = Task.through(task.family, task.via_q)
+    return fastest_through(through, task.free_settings, task.progress, usual=TIME_LIMIT)
+
+
 def _timed(task: ComparedTask, path: PiecewisePolynomial, label: str) -> Motion:
     check_path(task.family, path)
     return best_timing(task.family, path, task.path_settings, label, task.progress)
@@ -232,11 +235,7 @@ METHODS: dict[str, Method] = {
     **_textbooks("lspb", blended=True),
     "straight_path": Method("straight path, best timing", _straight_path),
     "cubic_path": Method("cubic's path, best timing", _cubic_path),
-    "time_optimal": Method(
-        "time-optimal, free",
-        partial(fastest_through, usual=TIME_LIMIT),
-        lambda task: (Task.through(task.family, task.via_q), task.free_settings, task.progress),
-    ),
+    "time_optimal": Method("time-optimal, free", _time_optimal),
 }
 
 
