@@ -71,16 +71,11 @@ def swap_in(staged: Path, target: Path, index: bool, motions: bool) -> list[Path
                     sync(folder)
             _move(staged / INDEX, target / INDEX)
         if index and not same:
-            _remove({name: value for name, value in earlier.items() if name not in listed}, target)
+            for name in earlier.keys() - listed:
+                if _has_digest(target / name, earlier[name]):
+                    (target / name).unlink(missing_ok=True)
         sync(target)
     return [target / name for name in (*new, *([INDEX] if index else []))]
-
-
-def _remove(files: Mapping[str, str], folder: Path) -> None:
-    """Remove files of a folder, given with their digests, unless they were changed."""
-    for name, value in files.items():
-        if _has_digest(folder / name, value):
-            (folder / name).unlink(missing_ok=True)
 
 
 def _move(staged: Path, place: Path) -> None:
