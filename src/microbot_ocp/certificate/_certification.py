@@ -346,15 +346,13 @@ def limit_checks_of(
 def _mean_check(family: LimitFamily, member: Member, motion: Motion) -> LimitCheck:
     """Check a root-mean-square limit over the motion and the dwell after it."""
 
-    def squares(state: State) -> FloatArray:
-        samples = MotionSamples(*state, np.zeros_like(state.q))
+    def squares(samples: MotionSamples) -> FloatArray:
         return family.values(samples, [member.key])[member.key].value ** 2
 
     assert member.limit is not None
     t, weights = quadrature(motion.t)
-    end, rest = motion.q[-1:], member.limit.dwell
-    held = squares(State(end, np.zeros_like(end), np.zeros_like(end)))[0]
-    value = np.sqrt((weights @ squares(motion.sample(t)) + rest * held) / (motion.duration + rest))
+    rest, held = member.limit.dwell, squares(MotionSamples.at_rest(motion.q[-1]))[0]
+    value = np.sqrt((weights @ squares(motion.samples(t)) + rest * held) / (motion.duration + rest))
     use = value / member.upper  # 0 where there is no bound
     return _limit_check(member, use, motion.duration, value, member.upper)
 

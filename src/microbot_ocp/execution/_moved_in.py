@@ -54,8 +54,7 @@ class MoveLeg:
 
 
 def _of_place(family: LimitFamily, q: FloatArray) -> list[LimitValues]:
-    samples = MotionSamples(q, *3 * [np.zeros_like(q)])
-    return list(family.values(samples, family.of_order(0)).values())
+    return list(family.values(MotionSamples.at_rest(q), family.of_order(0)).values())
 
 
 def _misses(robot: Robot, stop: Stop, q: FloatArray) -> list[LimitValues]:

@@ -206,10 +206,8 @@ class _Override:
 
     def _where_it_can_rest(self) -> np.ndarray:
         """Return the grid points, from the second interval's end on, at which the arm can rest."""
-        q = self.curve.evaluate(self.s)[0]
-        still = np.zeros_like(q)
-        holds = self.family.excess(MotionSamples(q, still, still, still)) <= 0.0
-        return np.flatnonzero(holds & (np.arange(len(q)) > 1))
+        poses = MotionSamples.at_rest(self.curve.evaluate(self.s)[0])
+        return np.flatnonzero((self.family.excess(poses) <= 0.0) & (np.arange(self.s.size) > 1))
 
     def _timed(self, place: int, speed: float) -> Reached:
         """Return the timing at a speed from a grid point on, or stopped there."""
