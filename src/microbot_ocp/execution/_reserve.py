@@ -348,11 +348,9 @@ def _with_end_held(motion: Motion) -> Motion:
     """Return the motion with its end held for its duration, if it ends at rest."""
     if np.abs(motion.qd[-1]).max() > AT_REST:
         return motion
-    end, still = motion.duration, np.zeros((2, motion.joint_count))
-    ends = {key: getattr(motion, key)[[-1, -1]] for key in ("q", "tau")} | {
-        "qd": still,
-        "qdd": still,
-    }
-    columns = {key: np.vstack([getattr(motion, key), rows]) for key, rows in ends.items()}
-    t = np.concatenate([motion.t, [end + JUMP_GAP, 2.0 * end]])
-    return replace(motion, t=t, breaks=np.append(mesh_of(motion), 2.0 * end), **columns)
+    held = np.append(np.arange(motion.t.size), [-1, -1])  # the last sample, twice more
+    q, qd, qdd, tau = (column[held] for column in (motion.q, motion.qd, motion.qdd, motion.tau))
+    qd[-2:] = qdd[-2:] = 0.0
+    end = motion.duration
+    t, breaks = np.append(motion.t, [end + JUMP_GAP, 2 * end]), np.append(mesh_of(motion), 2 * end)
+    return replace(motion, t=t, q=q, qd=qd, qdd=qdd, tau=tau, breaks=breaks)
