@@ -72,18 +72,15 @@ def _part(motion: Motion, robot: Robot, start: float, end: float) -> Motion:
     last = np.flatnonzero(here)[-1]
     if t[last] < motion.duration and jump_gaps(t)[last - 1]:
         here[last] = False  # the second sample of a jump belongs to the next segment
-    times = t[here] - t[here][0]
-    q, qd, qdd, tau = (column[here] for column in (motion.q, motion.qd, motion.qdd, motion.tau))
-    between = motion.sample([t[here][:2].mean()])
-    excess = (tau[:2] - torque_along(robot, State(q[:2], qd[:2], qdd[:2]))).mean(axis=0)
-    added = (*between, torque_along(robot, between) + excess)
+    times = np.insert(t[here], 1, t[here][:2].mean())
+    state, tau = motion.sample(times), motion.tau[here]
+    expected = torque_along(robot, State(*(column[:3] for column in state)))
+    between = expected[1] + (tau[:2] - expected[::2]).mean(axis=0)
     assert motion.breaks is not None
-    inner = motion.breaks[(motion.breaks > start) & (motion.breaks < end - 2 * JUMP_GAP)] - start
-    pairs = zip((q, qd, qdd, tau), added, strict=True)
-    columns = [np.insert(column, 1, row, axis=0) for column, row in pairs]
-    breaks = np.concatenate([[0.0], inner, [times[-1]]])
-    t = np.insert(times, 1, times[:2].mean())
-    return Motion(t, *columns, label=motion.label, breaks=breaks)
+    inner = motion.breaks[(motion.breaks > start) & (motion.breaks < end - 2 * JUMP_GAP)]
+    breaks = np.concatenate([[start], inner, times[-1:]]) - start
+    tau = np.insert(tau, 1, between, axis=0)
+    return Motion(times - start, *state, tau, label=motion.label, breaks=breaks)
 
 
 def _steps(motion: Motion, times: Sequence[float]) -> list[Check]:
