@@ -372,23 +372,19 @@ def largest_jump(family: LimitFamily, polynomial: Polynomial, keys: Iterable[str
     if not rated:
         return None
     values = family.values(jumps_of(polynomial), rated)
-    worst: Peak | None = None
-    largest = 1.0
-    for key in rated:
-        use = family[key].use(values[key])
-        k, joint = np.unravel_index(int(use.argmax()), use.shape)
-        if use[k, joint] > largest:
-            largest = float(use[k, joint])
-            bound = family[key].nearest_bound(values[key])[k, joint]
-            worst = Peak(
-                use=np.inf,
-                quantity=key,
-                joint=int(joint),
-                time=float(polynomial.breaks[k]),
-                value=float(np.copysign(np.inf, values[key].value[k, joint])),
-                limit=float(bound),
-            )
-    return worst
+    uses = {key: family[key].use(values[key]) for key in rated}
+    worst = max(rated, key=lambda key: uses[key].max())
+    k, joint = np.unravel_index(int(uses[worst].argmax()), uses[worst].shape)
+    if not uses[worst][k, joint] > 1.0:
+        return None
+    return Peak(
+        use=np.inf,
+        quantity=worst,
+        joint=int(joint),
+        time=float(polynomial.breaks[k]),
+        value=float(np.copysign(np.inf, values[worst].value[k, joint])),
+        limit=float(family[worst].nearest_bound(values[worst])[k, joint]),
+    )
 
 
 def samples_of(orders: Sequence[FloatArray], piece: np.ndarray, local: FloatArray) -> MotionSamples:
