@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 JUMP_GAP = JUMP_TIME  # s between the two samples that represent a jump of the acceleration
 
 JUMP_SHARE = 0.02  # largest gap of a jump, relative to the interval before it
-EVEN = 1e-3  # relative difference below which two steps are equal
 
 
 def jump_gaps(t: FloatArray, i: NDArray[np.intp] | None = None) -> NDArray[np.bool_]:
@@ -30,7 +29,7 @@ def jump_gaps(t: FloatArray, i: NDArray[np.intp] | None = None) -> NDArray[np.bo
     last = np.minimum(first + 2, t.size - 1)
     gap = t[first + 1] - t[first]
     before = np.where(first > 0, t[first] - t[np.maximum(first - 1, 0)], 0.0)
-    even = np.abs(t[last] - t[first + 1] - gap) <= EVEN * gap
+    even = np.abs(t[last] - t[first + 1] - gap) <= ROUNDING
     return (gap <= np.minimum(2 * JUMP_GAP, JUMP_SHARE * before)) & ~even
 
 
