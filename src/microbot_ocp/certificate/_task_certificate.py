@@ -21,11 +21,10 @@ from microbot_ocp.certificate._certification import Tolerances, certificate_of, 
 from microbot_ocp.limits import LimitFamily
 from microbot_ocp.motion import JUMP_GAP, Motion, State, jump_gaps, nearest_samples, torque_along
 from microbot_ocp.planning.search import stretches, tool_poses
-from microbot_ocp.planning.task import Circle, JointLine, Line, Stop, Task
+from microbot_ocp.planning.task import EXACT_TOLERANCE, Circle, JointLine, Line, Stop, Task
 from microbot_ocp.robot import Robot, forward_kinematics, jacobian
 
 POINTS = 2001  # points of the polyline that represents a curve
-CONTINUOUS = 1e-6  # largest step of the position between two segments, rad (m)
 STILL = 1e-4  # largest velocity at rest, and error of a required velocity, rad/s (m/s)
 
 
@@ -92,7 +91,7 @@ def _steps(motion: Motion, times: Sequence[float]) -> list[Check]:
         # The velocity may change by the accelerations beside the jump, over the time between both.
         still = STILL + 4 * JUMP_GAP * float(np.abs([before.qdd, after.qdd]).max())
         for what, unit, steps, allowed in (
-            ("position", "rad", moved, CONTINUOUS),
+            ("position", "rad", moved, EXACT_TOLERANCE),
             ("velocity", "rad/s", after.qd - before.qd, still),
         ):
             step = float(np.abs(steps).max())
@@ -142,7 +141,7 @@ def stop_misses(robot: Robot, stop: Stop, q: FloatArray) -> dict[tuple[str, str]
 
     Negative values are within the tolerance; a millionth of a metre or radian is allowed on top.
     """
-    slack = CONTINUOUS
+    slack = EXACT_TOLERANCE
     if stop.q is not None:
         return {("joint pose", "rad"): _beyond(stop, q - np.array(stop.q)) - slack}
     tool = np.array(forward_kinematics(robot)(q))
