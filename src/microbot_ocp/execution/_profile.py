@@ -185,7 +185,7 @@ PROFILE = {
     "description": TEXT,
     "interpolation": NEEDED,
     "rate": ANY,
-    "columns": ANY,
+    "columns": Key(choices=COLUMNS, several=True),
     "gravity": FLAG,
     "rests": FLAG,
     "limits": TABLE,
@@ -202,8 +202,6 @@ def _profile(data: Mapping[str, Any]) -> Profile:
     limits, braking = (given.pop(key, {}) for key in ("limits", "braking"))
     ahead = given.pop("look_ahead", None)
     if "columns" in given:
-        if not isinstance(given["columns"], list):
-            raise InputError(f"columns must be a list, not {checks.shown(given['columns'])}")
         given["columns"] = tuple(given["columns"])
     keys = dict.fromkeys((*LIMIT_KEYS, *MEMBER_KEYS), ANY)
     bounds = read_table(limits, keys, "in table [limits]")
