@@ -20,15 +20,6 @@ Expression = Callable[[Any], Any]  # function of a motion's state: a CasADi expr
 Bound = ArrayLike | Expression | None
 
 
-def above_zero(name: str, bound: Bound, unit: str) -> Bound:
-    """Return the upper bound of a nonnegative quantity; raise InputError if it is not above 0."""
-    if bound is None or callable(bound):
-        return bound
-    if np.any(checks.numbers(f"upper bound of limit {name!r}", bound) <= 0):
-        raise InputError(f"upper bound of limit {name!r} must be above 0 {unit}, not {bound}")
-    return bound
-
-
 @dataclass(frozen=True)
 class Limit:
     """A bound on any quantity of a motion, beside the limits of the joints.
@@ -188,7 +179,10 @@ def tool_jerk(upper: Bound) -> Limit:
 
 
 def _of_tool(name: str, quantity: str, upper: Bound, unit: str) -> Limit:
-    return Limit(name, _Size(quantity), upper=above_zero(name, upper, unit), unit=unit)
+    limit = Limit(name, _Size(quantity), upper=upper, unit=unit)
+    if (bound := limit.constant("upper")) is not None and np.any(bound <= 0.0):
+        raise InputError(f"upper bound of limit {name!r} must be above 0 {unit}, not {upper}")
+    return limit
 
 
 @dataclass(frozen=True)
