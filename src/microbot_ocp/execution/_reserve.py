@@ -253,12 +253,12 @@ def smallest_reserve(
     play = partial(track, robot, controller=controller, **loop)
     plan = _planner(robot, task, limits)
     ideal = plan(0.0)
-    motions: dict[float, Motion] = {0.0: ideal}
+    motions: dict[float, Motion] = {}
     trials: dict[float, Trial] = {}
 
     def keeps(reserve: float) -> bool:
         try:
-            motion = motions.setdefault(reserve, ideal) if not reserve else plan(reserve)
+            motion = plan(reserve) if reserve else ideal
         except InputError as problem:  # the reduced torques cannot hold the arm
             trials[reserve] = Trial(reserve, np.nan, np.inf, np.nan)
             advice[:] = [str(problem)]
