@@ -171,8 +171,7 @@ def _is_certified(entry: Entry) -> bool:
 
 def _key(values: Mapping[str, FloatArray]) -> tuple[tuple[str, bytes], ...]:
     """Return the key of a prepared solver: bytes of masses, friction and gravity."""
-    arrays = {name: np.asarray(value, dtype=float) for name, value in values.items()}
-    return tuple((name, arrays[name].tobytes()) for name in DYNAMICS if name in arrays)
+    return tuple((name, np.asarray(values[name]).tobytes()) for name in DYNAMICS if name in values)
 
 
 def limit_shares(study: Study, robot: Robot, motion: Motion) -> dict[str, float]:
