@@ -363,15 +363,10 @@ def _joint_member(robot: Any, key: str) -> Member:
 
 def _further_member(robot: Any, limit: Limit) -> Member:
     if limit.knows_derivatives:  # a limit of positions; its expression is long
-        size, depends = len(limit.labels), [0]
+        size, order = len(limit.labels), 0
     else:
-        function, names, used = _function(robot, (limit.key,))
-        size = function.size1_out(0)
-        depends = [
-            k
-            for place, k in enumerate(used)
-            if any(function.sparsity_jac(place, i).nnz() for i in range(len(names)))
-        ]
+        function, _, used = _function(robot, (limit.key,))
+        size, order = function.size1_out(0), max(used)
     labels = limit.labels or (robot.joint_names if size == robot.joint_count > 1 else ("",) * size)
     if len(labels) != size:
         raise InputError(
@@ -397,7 +392,7 @@ def _further_member(robot: Any, limit: Limit) -> Member:
         units=(limit.unit,) * size,
         lower=bounds[0],
         upper=bounds[1],
-        order=max(depends, default=0),
+        order=order,
         limit=limit,
     )
 
