@@ -10,7 +10,7 @@ import pytest
 import microbot_ocp as mo
 from helpers import refused, tells
 from microbot_ocp.certificate import certify
-from microbot_ocp.certificate._task_certificate import _part
+from microbot_ocp.certificate._task_certificate import _part, _steps
 from microbot_ocp.motion import Mark, Motion, PiecewisePolynomial, State, jump_gaps, torque_along
 from microbot_ocp.trajectories import (
     cubic,
@@ -332,6 +332,18 @@ def test_a_singular_pose_is_reported(robot):
     assert certificate.ok, certificate.verdict
     assert "singular" not in certificate.verdict
     assert certificate.undetermined_direction is None
+
+
+@pytest.mark.parametrize(("step", "passed"), [(0.0, True), (0.01, False)])
+def test_a_small_step_of_the_velocity_between_segments_is_found(step, passed):
+    t = np.array([0.0, 0.5, 1.0 - 1e-6, 1.0, 1.5, 2.0])
+    speed = 0.5 + step * (t >= 1.0)
+    q, qd, qdd = speed * t - step * (t >= 1.0), speed, 10.0 * (t >= 1.0)
+    q, qd = q + 5.0 * np.maximum(t - 1.0, 0.0) ** 2, qd + 10.0 * np.maximum(t - 1.0, 0.0)
+    columns = (column[:, None] for column in (q, qd, qdd, 0.0 * t))
+    position, velocity = _steps(Motion(t, *columns), [1.0])
+    assert position.passed
+    assert velocity.passed is passed
 
 
 @pytest.mark.thorough
