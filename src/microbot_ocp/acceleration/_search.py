@@ -154,7 +154,7 @@ def prove(
         bounds = demand.bounds(boxes, box, broken)
         weights = bounds.weights / demand.limit
         weights[:, : box.size] += across[keep]
-        fronts.append(Front(bounds.scale, boxes, weights))
+        fronts.append(OpenBoxes(bounds.scale, boxes, weights))
     count, settled = sum(front.scales.size for front in fronts), np.inf
     while True:
         lowest = [front.scales.min(initial=np.inf) for front in fronts]
@@ -182,10 +182,10 @@ def prove(
         weights[:, : box.size] += across[keep] * (at < broken)[:, None]
         left = scales < (1.0 - gap) * broken
         settled = min(settled, scales[~left].min(initial=np.inf))
-        fronts[index] = joined([rest, taken(Front(scales, halves, weights), left)])
+        fronts[index] = joined([rest, taken(OpenBoxes(scales, halves, weights), left)])
 
 
-class Front(NamedTuple):
+class OpenBoxes(NamedTuple):
     """Boxes that are not yet good enough, with their bounds of the scale [B] and weights [B,2n]."""
 
     scales: FloatArray
@@ -193,7 +193,7 @@ class Front(NamedTuple):
     weights: FloatArray
 
 
-def _split(front: Front) -> tuple[Boxes, FloatArray, Front]:
+def _split(front: OpenBoxes) -> tuple[Boxes, FloatArray, OpenBoxes]:
     """Split the boxes with the lowest bounds along their coordinate of the largest weight.
 
     Returns
@@ -202,7 +202,7 @@ def _split(front: Front) -> tuple[Boxes, FloatArray, Front]:
         Lower halves, followed by the upper halves.
     scales : array
         Bound of the whole box for each half.
-    rest : Front
+    rest : OpenBoxes
         Boxes that were not split.
     """
     order = np.argpartition(front.scales, min(BATCH, front.scales.size) - 1)

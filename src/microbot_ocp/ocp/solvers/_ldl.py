@@ -65,8 +65,8 @@ def as_ipopt_knows(options: Mapping[str, Any]) -> dict[str, Any]:
         "hsllib": str(built),
         "ma27_la_init_factor": 1.0,
         "ma27_liw_init_factor": 1.0,
-        "ma27_pivtol": 1e-4,  # equal to its maximum: IPOPT regularises instead of raising it
-        "ma27_pivtolmax": 1e-4,
+        # Equal to its default maximum: IPOPT regularises instead of raising it.
+        "ma27_pivtol": 1e-4,
         "min_refinement_steps": 0,  # the libraries refine their solutions
     }
 
