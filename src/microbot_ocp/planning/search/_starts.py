@@ -1,8 +1,7 @@
 """Initial guesses of a search, and their answers on a coarse mesh.
 
 Guesses are drawn at random, or follow ways through the stops with every segment timed from rest to
-rest. If none converges, a known way and a relaxed problem follow. Among obstacles the only guess is
-a timed path.
+rest. If none converges, a relaxed problem follows. Among obstacles the only guess is a timed path.
 """
 
 from __future__ import annotations
@@ -49,7 +48,7 @@ from microbot_ocp.planning.search._settings import (
 from microbot_ocp.planning.task import Task, TaskScale, rounded
 from microbot_ocp.trajectories import cubic, spline
 
-KNOWN_WAY, RELAXED = "known way", "relaxed problem"  # steps in the ledger
+RELAXED = "relaxed problem"  # step in the ledger
 COARSE_MESH_SUM = 160  # intervals of all phases of a coarse mesh together
 LEAST_COARSE_MESH = 6  # intervals per phase
 EXPLORING = 0.5  # share of the time limit after which no further start is solved
@@ -96,7 +95,7 @@ def coarse(search: MotionSearch) -> Refiner:
 def explore(search: MotionSearch, state: SearchState = NOTHING) -> SearchState:
     """Return the state with starts solved until another is unlikely to be the best.
 
-    If none is solved, last resorts follow.
+    If none is solved, the relaxed problem follows.
     """
     while not state.interrupted and (step := _next_step(search, state)) is not None:
         begin = time.perf_counter()
@@ -111,14 +110,10 @@ def _next_step(search: MotionSearch, state: SearchState) -> Callable[[], MotionA
         return None if done else partial(from_timed_path, search)
     late = search.over or search.spent > EXPLORING
     step = None if done and late else next_start(search, state)
-    is_solved = any(answer.solved for answer in state.answers)
-    if step is not None or is_solved or search.over or problem.for_comparison or problem.again:
+    if step is not None or RELAXED in done or any(answer.solved for answer in state.answers):
         return step
-    resorts = {KNOWN_WAY: from_known_way, RELAXED: from_relaxed}
-    if problem.fallback is None:
-        del resorts[KNOWN_WAY]
-    resort = next((step for name, step in resorts.items() if name not in done), None)
-    return resort and partial(resort, search, nearest(state))
+    over = search.over or problem.for_comparison or problem.again
+    return None if over else partial(from_relaxed, search, nearest(state))
 
 
 def sample(state: SearchState) -> list[MotionAnswer]:
@@ -203,23 +198,6 @@ def nearest(state: SearchState) -> MotionAnswer:
         (answer for answer in state.answers if answer.is_first),
         key=lambda a: (not a.solution.attempts, a.solution.attempts[-1].infeasibility),
     )
-
-
-def from_known_way(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
-    """Solve from a known way with its best timing: limits may be so tight that no guess converges.
-
-    The mesh is that of the subject.
-    """
-    way, refiner = search.problem.fallback, coarse(search)
-    assert way is not None
-    solution = refiner.solve(
-        [phase.mesh for phase in subject.solution.phases],
-        search.problem.guesses_along(way.motion),
-        tolerance=COARSE_TOLERANCE,
-        barrier=NEAR_WAY_BARRIER,
-    )
-    _report(search, way.made_from, solution)
-    return _answer(search, way.made_from, solution, refiner, KNOWN_WAY)
 
 
 def from_relaxed(search: MotionSearch, subject: MotionAnswer) -> MotionAnswer:
