@@ -6,6 +6,7 @@ from benchmarks.switching_times import task
 
 import microbot_ocp as mo
 from helpers import refused
+from planning.shared import slider
 
 LENGTH, MASS, INERTIA, CENTRE = 0.4, 0.5, 0.1, 0.2
 VIA = np.array([[0.0, -2.0], [1.0, -1.0]])
@@ -93,3 +94,12 @@ def test_one_joint_with_only_a_jerk_limit():
     motion = mo.time_optimal(robot, [[0.0], [2.0]], starts=1, switching_times=True)
     assert motion.provenance["switching_times"]["status"] == "solved"
     assert motion.duration == pytest.approx((32 * 2 / 10) ** (1 / 3), abs=1e-9)
+
+
+def test_one_joint_with_only_a_limit_of_the_torque_rate():
+    """Torque and its rate are outputs of one function: 2 kg within 10 N/s are a jerk of 5 m/s^3."""
+    robot = slider(mass=2.0, tau_max=100.0, taud_max=10.0)
+    motion = mo.time_optimal(robot, [[0.0], [1.5]], starts=1, switching_times=True)
+    assert motion.provenance["switching_times"]["status"] == "solved"
+    assert motion.duration == pytest.approx((32 * 1.5 / 5) ** (1 / 3), abs=1e-9)
+    assert mo.certify(robot, motion).ok

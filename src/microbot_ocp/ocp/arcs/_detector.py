@@ -85,10 +85,13 @@ class ActiveLimit:
         name, scale = f"{limit.name}[{i}] met", limit.scale[i : i + 1]
         return PathConstraint(name, limit.expression[i], value, value, scale, limit.unit)
 
-    def along(self, values: Mapping[str, FloatArray], states: Sequence[Variable]) -> FloatArray:
-        """Return values of a limit of the states at tabulated states."""
-        run = ca.Function("value", [s.symbol for s in states], [self.constraint.expression])
-        return np.array(run(*(values[s.name].T for s in states)))[self.component]
+    def along(self, values: Mapping[str, FloatArray], declared: Phase) -> FloatArray:
+        """Return values of a limit of the states of a phase at tabulated states."""
+        symbols = Expressions(declared).symbols  # the states come first
+        run = ca.Function("value", [*symbols], [self.constraint.expression])
+        given = [values[s.name].T if s.name in values else 0.0 for s in declared.states]
+        # The expression may contain other symbols on which its value does not depend.
+        return np.array(run(*given, *([0.0] * (len(symbols) - len(given)))))[self.component]
 
     def sides(self, values: FloatArray, near: float) -> np.ndarray:
         """Return the side that each value is within ``near`` of: 1, -1, or 0 for neither."""
@@ -240,12 +243,11 @@ def _state_limits(phase: PhaseSolution, declared: Phase) -> list[Activity]:
     """Return activities of limits of the states, active in an interval with both ends at them."""
     others = Expressions(declared).symbols[len(declared.states) :]  # the states come first
     of_states = (c for c in declared.constraints if not _depends(c, others))
-    states = [s for s in declared.states if s.name in phase.values]
     activities = []
     for constraint in (*declared.states, *of_states):
         for i in range(constraint.size):
             limit = ActiveLimit(constraint, i, mixed=False)
-            values = limit.along(phase.values, states)
+            values = limit.along(phase.values, declared)
             near = AT_BOUND * float(np.ptp(values))
             sides = limit.sides(values, near)
             if near > 0 and limit.bounds[0] < limit.bounds[1] and np.any(sides):

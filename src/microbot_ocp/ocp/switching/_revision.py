@@ -160,7 +160,7 @@ def _met_on(plan: ArcPlan, piece: PhaseSolution, begin: float, end: float) -> li
     for k, column in enumerate(plan.columns):
         if column.limit is None or column.limit.mixed:
             continue
-        values = column.limit.along(piece.values, plan.declared.states)[first : last + 1]
+        values = column.limit.along(piece.values, plan.declared)[first : last + 1]
         sides = column.limit.sides(values, BOUND_MARGIN * column.limit.range)
         if np.any(sides):
             met.append((k, int(sides[sides != 0][0])))

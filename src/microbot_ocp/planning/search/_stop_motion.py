@@ -261,12 +261,10 @@ def scenes_of(task: Task, scene: Scene, tool: FloatArray) -> tuple[Scene, ...]:
 
 def _placed(shape: Sequence[Capsule], pose: FloatArray, where: str) -> list[Capsule]:
     """Return the capsules of a part in the base frame for a tool pose [4,4], named by the stop."""
-    turn, origin = pose[:3, :3], pose[:3, 3]
     capsules = []
     for number, capsule in enumerate(shape, start=1):
-        start, end = (turn @ point + origin for point in (capsule.start, capsule.end))
         name = f"{capsule.name} at {where}" + (f", {number}" if number > 1 else "")
-        capsules.append(Capsule(start, end, capsule.radius, name))
+        capsules.append(replace(capsule.moved(pose), name=name))
     return capsules
 
 
