@@ -16,6 +16,7 @@ import pinocchio as pin
 import microbot_ocp as mo
 from benchmarks.measure import Benchmark, timed
 from external.pinocchio_model import pinocchio_model
+from microbot_ocp._base.fast_calls import buffered_call, table_call
 
 GOAL = 5.0
 CALLS = 20_000
@@ -120,11 +121,15 @@ def compare(robot: mo.Robot, repetitions: int) -> None:
         return np.array([pin.rnea(model, data, *rows) for rows in zip(*states, strict=True)])
 
     columns = [np.asfortranarray(rows.T) for rows in states]
+    table = table_call(mo.inverse_dynamics(robot))
+    mapped = buffered_call(mo.inverse_dynamics(robot).map(BATCH))
     Benchmark(
         f"Inverse dynamics of {BATCH} states, {robot.name}",
         ("pinocchio.rnea, one by one", timed("call()", 20, call=one_by_one)),
         {
             "fast_call(f)": timed("f(*states)", 200, f=fast, states=states),
+            "table_call(f)": timed("f(*states)", 200, f=table, states=states),
+            "buffered_call(f.map(n))": timed("f(*columns)", 20, f=mapped, columns=columns),
             "f, a CasADi map": timed("f(*columns)", 20, f=compiled, columns=columns),
             "frax.Robot.rnea, mapped": timed("f(*states)", 20, f=frax_batch, states=states),
         },
