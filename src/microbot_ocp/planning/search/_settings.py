@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 
 from microbot_ocp._base import checks, deadline
-from microbot_ocp._base.checks import InputError
+from microbot_ocp._base.checks import ROUNDING, InputError
 
 COARSE_MESH = 20  # largest number of intervals per phase of a coarse mesh
 FULL_MESH = 80  # intervals per phase of the first full mesh, for jumps of accelerations or rates
@@ -21,7 +21,6 @@ TIMED_PATH_BARRIER = 1e-5  # barrier parameter of a solve from a timed path amon
 MOST_ITERATIONS = 300  # iteration limit of a start, and of a solve among obstacles
 RESERVED_SHARE = 0.2  # share of the time limit reserved for a motion within the limits
 LONGEST_RESERVE = 1.0  # s
-LEAST_TIME = 1e-3  # shortest time of a search, s
 
 
 @dataclass(frozen=True)
@@ -103,5 +102,6 @@ def reserving() -> Iterator[None]:
     left = deadline.left()
     reserve = min(RESERVED_SHARE * left, LONGEST_RESERVE)
     wall, work = deadline.until() - time.perf_counter(), deadline.work_left()
-    with deadline.within(max(wall - reserve, LEAST_TIME), max(work - reserve, LEAST_TIME)):
+    # A time limit is above 0, also if no time is left.
+    with deadline.within(max(wall - reserve, ROUNDING), max(work - reserve, ROUNDING)):
         yield
