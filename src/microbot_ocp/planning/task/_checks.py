@@ -139,7 +139,8 @@ def check_via(family: LimitFamily, via_q: ArrayLike, *, moving: bool = False) ->
     via = checks.array("via_q", via_q, (None, family.robot.joint_count), "rad")
     count = len(via)
     if not 2 <= count <= MOST_VIA:
-        raise InputError(f"via_q must have 2 to {MOST_VIA} points, not {count:,}")
+        allowed = f"at least 2 points and at most {MOST_VIA} points"
+        raise InputError(f"via_q must have {allowed}, not {count:,}")
     check_positions(family, lambda i: f"via point {i + 1}", via)
     for index, apart in enumerate(np.abs(np.diff(via, axis=0)).max(axis=1), 1):
         if 0.0 < apart < NEAREST:
