@@ -112,8 +112,10 @@ def _next_step(search: MotionSearch, state: SearchState) -> Callable[[], MotionA
     step = None if done and late else next_start(search, state)
     if step is not None or RELAXED in done or any(answer.solved for answer in state.answers):
         return step
-    over = search.over or problem.for_comparison or problem.again
-    return None if over else partial(from_relaxed, search, nearest(state))
+    # A comparison of orders, or a task that was solved before, needs no reason for a failure.
+    if search.over or problem.for_comparison or problem.again:
+        return None
+    return partial(from_relaxed, search, nearest(state))
 
 
 def sample(state: SearchState) -> list[MotionAnswer]:
